@@ -2,8 +2,9 @@
 
 A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
 is over a millisecond late, hands the inbox to the engine and sends its answer. A late tick first reads what
-waits in the sockets. What takes longer than a tick may, such as building a path, is done between ticks, in
-steps. Every way out leaves neutral what we steer.
+waits in the sockets; one that fails is ridden out, two within RIDE_OUT_TICKS end the process. What takes
+longer than a tick may, such as building a path, is done between ticks, in steps. Every way out leaves neutral
+what we steer.
 """
 
 import asyncio
@@ -34,7 +35,7 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
-from companion.telemetry.commands import Follow
+from companion.telemetry.commands import Follow, SetPath
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised, whole
 from companion.telemetry.plan import PathPlan
@@ -52,6 +53,7 @@ SETTLED_S = 1.0
 PLAN_PERIOD_S = 5.0
 WATCHDOG_PERIOD_S = 0.5
 NAME_PATIENCE_S = 3.0
+RIDE_OUT_TICKS = 5
 TICK_PATIENCE_S = 1.0
 """Without a tick for so long the process ends."""
 
@@ -111,6 +113,7 @@ class App:
         self._periods = 0
         self._ticks = 0
         self._late_ticks = 0
+        self._failed_tick = -RIDE_OUT_TICKS
         self._compute_ns = 0
         self._said = self._saying = ("", "")
         """State and words: what was said last, and what is to be."""
@@ -255,7 +258,7 @@ class App:
                     self._stop.set()
             self._compute_ns = time.monotonic_ns() - now_ns
         except Exception as error:
-            self._fail(error)
+            self._ride_out(error)
             return
         raw = self._raw(now_s, datagrams, ground, out, requests, given)
         self._tell(now_ns, sample, peers, raw, given)
@@ -295,6 +298,16 @@ class App:
     @property
     def _parting(self) -> str:
         return parting(steering=self._engine.steering, silent=self._silent)
+
+    def _ride_out(self, error: Exception) -> None:
+        """Go on after a failed tick without what commands asked for; end where another one fails soon."""
+        if self._ticks - self._failed_tick <= RIDE_OUT_TICKS or self._manoeuvre is not None:
+            self._fail(error)
+            return
+        self._failed_tick = self._ticks
+        self._beside.fail("a tick", error)
+        self._beside.do("holding", lambda: self._engine.guide(SetPath(action="hold")))
+        self._beside.do("the old gains", lambda: self._engine.retune(self._config))
 
     def _fail(self, error: Exception) -> None:
         self._failure = error

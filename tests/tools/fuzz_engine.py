@@ -266,7 +266,7 @@ def number(rng: Random, least: float, most: float) -> float:
     """Return a number of a range: an end of it, any, any by its size, or nearly 0."""
     draw = rng.random()
     if draw > 0.97 and least <= 0.0:
-        return 10.0 ** rng.uniform(-323.0, -7.0)
+        return math.pow(10.0, rng.uniform(-323.0, -7.0))
     if draw < 0.25:
         return rng.choice((least, most))
     if draw < 0.5:
