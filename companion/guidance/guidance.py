@@ -267,12 +267,12 @@ class Guidance:
                 self._pilot.ask(-math.inf, ZERO, body=True)
             if self._altitude is not None:
                 self._altitude.rest()
-            if verdict.state is State.FAULT:
-                self._altitude = None
             if self._course is not None and self._course.begun:
                 self._course.suspend()
-            if verdict.state is State.FAULT and not (self._course and self._course.is_unfinished):
-                self._course = None
+            if verdict.state is State.FAULT and previous.state is not State.FAULT:
+                self._altitude = None
+                if self._course is not None and not self._course.is_unfinished:
+                    self._course = None
             return None
         if not previous.authority > 0.0:
             held.engage(self.holdable(state))

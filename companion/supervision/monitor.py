@@ -16,10 +16,8 @@ from companion.records import (
     Z,
 )
 from companion.supervision.situation import Observation, Watched, ekf_is_doubtful, tilted, voltage_is_low
+from companion.telemetry.modes import FAILSAFE as FAILSAFE
 from companion.telemetry.modes import Mode
-
-FAILSAFE = 5
-"""MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""
 
 FAILSAFE_SETTLE_S = 1.5
 """A silent companion latches the pilot failsafe; the first heartbeat of its steering may still report it."""

@@ -8,7 +8,7 @@ import re
 from typing import Literal, NamedTuple
 
 from companion.records import Condition, State
-from companion.telemetry.modes import MODE_NAMES, Mode
+from companion.telemetry.modes import FAILSAFE, MODE_NAMES, Mode
 
 Severity = Literal["info", "warning", "fault"]
 
@@ -114,12 +114,18 @@ def course(kind: str, name: str = "") -> str:
 
 
 def holder(
-    state: str, *, guidance: str, armed: bool | None, mode: int | None, disarms_in_s: float = 0.0
+    state: str,
+    *,
+    guidance: str,
+    armed: bool | None,
+    mode: int | None,
+    disarms_in_s: float = 0.0,
+    system_status: int = 0,
 ) -> str:
     """Return who has the vehicle, by the supervisor's state and the vehicle's own heartbeat.
 
     `armed` and `mode` are None where the vehicle did not say so lately. It disarms in `disarms_in_s`, unless
-    that is 0.
+    that is 0; by `system_status`, MAV_STATE, it may be in a failsafe, which a pilot mostly ends.
     """
     if state == State.ACTIVE:
         return f"Holdfast {COURSES.get(guidance, COURSES['hold'])}"
@@ -134,7 +140,8 @@ def holder(
     if state == State.HAND_OVER:
         return STATES[state].text
     name = "" if mode is None else MODE_NAMES.get(mode, f"mode {mode}")
-    return f"the pilot has it, {name}" if name else "the pilot has it"
+    has = "no pilot is known (a failsafe is latched)" if system_status == FAILSAFE else "the pilot has it"
+    return f"{has}, {name}" if name else has
 
 
 def silence(

@@ -19,3 +19,6 @@ class Mode(IntEnum):
 
 MODE_NAMES: dict[int, str] = {mode.value: mode.name for mode in Mode} | {7: "CIRCLE", 20: "MOTOR_DETECT"}
 """The names of all modes; Holdfast never requests the last two."""
+
+FAILSAFE = 5
+"""MAV_STATE_CRITICAL: what ArduSub reports while any failsafe is latched."""

@@ -145,6 +145,7 @@ def _banner(feed: Feed, connect: str) -> RenderableType:
             armed=armed,
             mode=mode,
             disarms_in_s=supervisor.disarms_in_s,
+            system_status=state.system_status if state else 0,
         )
         if "LINK_LOST" in supervisor.conditions:
             style, name, has = _STYLES["FAULT"], LINK_LOST, name

@@ -158,7 +158,12 @@ class VehicleHistory:
             "mode": mode,
             "pending": PENDING.format(state.pending) if state and state.pending else "",
             "holder": holder(
-                self.state, guidance=guidance, armed=self.armed, mode=mode, disarms_in_s=disarms_in_s
+                self.state,
+                guidance=guidance,
+                armed=self.armed,
+                mode=mode,
+                disarms_in_s=disarms_in_s,
+                system_status=state.system_status if state else 0,
             ),
             "advice": on_page(supervisor.remedy) if supervisor else "",
             "pilot_gain": state.pilot_gain if state else None,

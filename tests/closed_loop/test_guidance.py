@@ -319,6 +319,18 @@ def asks(dive, frame, place=None, yaw=None, velocity=None, yaw_rate=None):
     dive.cockpit.extra.append(dive.cockpit.frame(message))
 
 
+def test_a_step_of_the_ground_station_needs_a_place_to_count_from():
+    dive = held(*CALM, pilot=True)
+    dive.cockpit.push()
+    dive.fault("message_stopped", 5.0, message="LOCAL_POSITION_NED")
+    dive.run(3.0)
+    assert not dive.step.sample.dofs.engaged[X]
+    asks(dive, mavlink.MAV_FRAME_LOCAL_OFFSET_NED, place=(0.8, 0.0, 0.3))
+    dive.run(8.0)
+    assert dive.step.sample.dofs.engaged[X]
+    np.testing.assert_allclose(dive.step.sample.eta_d[:3], [0.0, 0.0, 2.3], atol=0.05)
+
+
 def test_position_targets_of_the_ground_station_move_it_and_do_not_reach_the_vehicle():
     dive = held(*CALM, pilot=True, companion=FENCED)
     dive.cockpit.push()

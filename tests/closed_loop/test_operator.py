@@ -372,6 +372,21 @@ def test_from_here_does_not_outlive_the_place_where_it_was_asked(again):
     assert dive.step.sample.eta_d[2] - start[2] == pytest.approx(0.3, abs=0.02)
 
 
+def test_what_is_asked_in_a_fault_is_kept_as_it_is_said():
+    dive, console = at_console()
+    dive.run(2.0)
+    console.tell("engage")
+    console.tell("goto", altitude_m=0.8)
+    dive.fault("link_cut", 1.5)
+    dive.run(3.0)
+    assert dive.state is State.FAULT
+    assert "altitude" not in dive.step.sample.guided.pending, "it ended with the fault"
+    reply = console.tell("goto", depth_m=1.4)
+    assert reply.done
+    dive.run(0.5)
+    assert dive.step.sample.guided.pending.endswith("go to depth 1.4 m")
+
+
 def test_a_move_that_its_beginning_forbids_is_refused_there():
     dive, console = drifting()
     assert console.tell("goto", frame="offset", depth_m=-5.0).done

@@ -80,6 +80,8 @@ def test_who_has_the_vehicle(
 def test_a_vehicle_that_nobody_steers_is_said_to_be_disarmed_soon() -> None:
     who = glossary.holder(State.READY, guidance="", armed=True, mode=Mode.ALT_HOLD, disarms_in_s=2.6)
     assert who == "nobody steers: the autopilot disarms in 3 s unless a pilot does"
+    who = glossary.holder(State.READY, guidance="", armed=True, mode=Mode.MANUAL, system_status=5)
+    assert who == "no pilot is known (a failsafe is latched), MANUAL"
 
 
 def test_a_command_is_named_wholly_and_on_the_page_it_is_a_button() -> None:
