@@ -3,14 +3,14 @@
 `holdfast check`, `run` and every screen have these words. Silence is said only where nothing arrives.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
 from companion.mavlink.frames import V1_MARKER, Frame, frame_at
 
-LATELY_S: Final = 5.0
+LATELY_S: Final = 10.0
 MOST: Final = 32
 """Senders that are kept."""
 EXCERPT: Final = 12
@@ -29,17 +29,10 @@ WORDS: Final = {
     OTHER: ("heartbeats of {}, which is no autopilot", "let the router pass the autopilot's frames"),
     GROUND: ("only heartbeats of a ground station, {}", ELSEWHERE),
     OURS: ("only our own frames", ELSEWHERE),
-    BARRED: ("datagrams of {}, which link.allow leaves out", "add it to link.allow"),
+    BARRED: ("datagrams of {}, which link.allow leaves out,", "add it to link.allow"),
     JUNK: ("bytes that are not MAVLink, {}", f"correct port or baud rate in link.endpoint, or {PROTOCOL}"),
 }
 """By what arrives, the most telling first: what is said of it, and what helps."""
-
-
-class Contact(NamedTuple):
-    """Why there is no heartbeat, and what to do."""
-
-    found: str
-    fix: str
 
 
 class Heard:
@@ -91,11 +84,11 @@ class Heard:
         if key in self._seen or len(self._seen) < MOST:
             self._seen[key] = self.now_s
 
-    def contact(self) -> Contact:
-        """Return what is said where the heartbeat does not come."""
+    def contact(self) -> tuple[str, str]:
+        """Return why the heartbeat does not come, and what to do."""
         self._seen = {key: t_s for key, t_s in self._seen.items() if self.now_s - t_s <= LATELY_S}
         if not self._seen:
-            return Contact(f"nothing arrives at {self._link.endpoint}", NOTHING)
+            return f"nothing arrives at {self._link.endpoint}", NOTHING
         kind, _, whom, ids = min(self._seen)
         found, fix = (words.format(whom, ids=ids).rstrip("; ") for words in WORDS[kind])
-        return Contact(f"{found} arrive at {self._link.endpoint}", fix)
+        return f"{found} arrive at {self._link.endpoint}", fix

@@ -320,7 +320,7 @@ FROM_HERE = [
         (-0.4, 0.3),
     ),
     ("goto", {"frame": "body", "depth_m": 0.3, "heading_deg": 20}, "0.3 m down, 20° clockwise", (0.0, 0.3)),
-    ("follow", {"path": OUT}, "follow the path out", (0.4, 0.0)),
+    ("follow", {"path": OUT}, "follow the path out from where it is", (0.4, 0.0)),
 ]
 
 
