@@ -1,8 +1,7 @@
 """`holdfast lab bench dives`: how well every competitor holds, over the same dives in the full loop.
 
 A case is a scenario and a delay. Within a case all competitors dive with the same vehicles, seas, loads and
-noise, so that differences are taken dive by dive. No search ever sees the seeds. The last row is computed,
-not dived: the LQG floor of every single dive (`lab.studies.floor`).
+noise, so that differences are taken dive by dive. No search ever sees the seeds.
 """
 
 import argparse
@@ -22,7 +21,6 @@ from lab.loop.scenarios import four
 from lab.options import add_bench, seeds_of
 from lab.rivals import alt_hold
 from lab.studies.competitors import DEFAULT, FIRST_SEED, competitors, selected, tuned, values_of
-from lab.studies.floor import floor
 from lab.studies.picture import dots
 from lab.study import Row, Study, by, known
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -32,7 +30,6 @@ SCENARIOS = ("waves", "path", "load", "calm")
 LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}
 """By the delay that is added, ms: half of it each way, from the start, and not configured anywhere."""
 
-FLOOR = "floor"
 HELD_FROM_S = 5.0
 CONFIDENCE = 0.95
 FIGURES = (
@@ -65,9 +62,9 @@ class Dives(Study[BenchDive]):
     command = "lab bench dives"
     about = (
         "Simulates four scenarios, without and with 80 ms more delay, with random vehicles, in virtual time "
-        "and with real MAVLink bytes: the shipped default, other laws and compensators, ArduSub's depth "
-        "hold, and the computed LQG floor. One dive takes 3 s on one core; all rows with 60 vehicles take 5 "
-        "core-hours, with --seeds 10 one hour."
+        "and with real MAVLink bytes: the shipped default, other laws and compensators, and ArduSub's depth "
+        "hold. One dive takes 3 s on one core; all rows with 60 vehicles take 5 core-hours, with --seeds 10 "
+        "one hour."
     )
     delays: tuple[int, ...] = tuple(LINKS)
     default_rows: tuple[str, ...] = ()
@@ -92,20 +89,14 @@ class Dives(Study[BenchDive]):
         }
         self._firmware: Path | None = arguments.firmware
         self._plant = load_plant(DEFAULT_CONFIG)
-        self.titles = {row.name: row.title for row in competitors(config)} | {FLOOR: "LQG floor"}
+        self.titles = {row.name: row.title for row in competitors(config)}
 
     def cases(self) -> Sequence[BenchDive]:
-        """Return the dives, and behind them the floors."""
-        same = [*product(self._scenarios, self.delays, self._seeds)]
-        return [
-            *(BenchDive(row, *case) for case in same for row in self._rows),
-            *(BenchDive(FLOOR, *case) for case in same),
-        ]
+        same = product(self._scenarios, self.delays, self._seeds)
+        return [BenchDive(row, *case) for case in same for row in self._rows]
 
     def dive(self, cases: Sequence[BenchDive]) -> Iterator[Row]:
-        return (
-            self._floor(case) if case.row == FLOOR else self.dived(case, self._firmware) for case in cases
-        )
+        return (self.dived(case, self._firmware) for case in cases)
 
     def dived(self, case: BenchDive, firmware: Path | None) -> Row:
         """Return the figures of a dive; `held` unless the supervisor gave up."""
@@ -117,11 +108,6 @@ class Dives(Study[BenchDive]):
         figures = found.figures()
         held = bool(found.active[found.t_s > HELD_FROM_S].all())
         return {"held": held} | {key: figures[key] for key in FIGURES}
-
-    def _floor(self, case: BenchDive) -> Row:
-        reached = floor(four(case.seed)[SCENARIOS.index(case.scenario)], self._plant, LINKS[case.delay_ms])
-        figures = {"depth_rms_mm": reached.depth_rms_mm, "chatter_n": reached.chatter_n}
-        return {"held": True} | dict.fromkeys(FIGURES, math.nan) | figures
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md: depth RMS at each delay, and less that of the default."""
@@ -146,7 +132,7 @@ class Dives(Study[BenchDive]):
         }
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw every scenario: depth error and chatter of each competitor, and the floor."""
+        """Draw every scenario: depth error and chatter of each competitor."""
         columns = {"depth_rms_mm": "depth error, RMS (mm)", "chatter_n": "command's change, RMS (N a tick)"}
         return [
             dots(

@@ -23,7 +23,6 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
 from lab.rivals import alt_hold
 from lab.studies.competitors import WIDTH, Competitor
-from lab.studies.floor import CHATTER_N
 from lab.studies.reality import rough
 from lab.studies.unlike import COUNTS_S, hold
 from sim_bridge.config import SimConfig
@@ -32,6 +31,7 @@ TRAINING_SEEDS = 8
 TRAINING_S = 24.0
 EVALUATIONS = 150
 GENERATION = 10
+CHATTER_N = 3.5
 CHATTER_PRICE = 2.0
 LOST_MM = 1000.0
 FAST_AFTER_S = 12.0

@@ -29,9 +29,8 @@ from lab.studies.competitors import (
     tuned,
     values_of,
 )
-from lab.studies.dives import FIGURES, FLOOR, LINKS, SCENARIOS, Dives, interval, student
+from lab.studies.dives import FIGURES, LINKS, SCENARIOS, Dives, interval, student
 from lab.studies.fidelity import Fidelity
-from lab.studies.floor import CHATTER_N
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.tune import next_step
 from lab.study import Row, by, parser_of
@@ -88,7 +87,7 @@ def figures(rms_mm: float) -> dict[str, float]:
 
 
 def test_differences_are_taken_dive_by_dive() -> None:
-    made = dives({"law": 3.0, "ppi": 5.0, "network+observer": 99.0, DEFAULT: 1.0, FLOOR: 0.0})
+    made = dives({"law": 3.0, "ppi": 5.0, "network+observer": 99.0, DEFAULT: 1.0})
     shown = study(Dives, "--seeds", "4").summary(made)
     assert shown["columns"][:2] == ["depth RMS, mm (as is/+80 ms)", "waves"]
     lines = {line[0]: line[1:] for line in shown["rows"]}
@@ -96,7 +95,7 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert lines["law"] == ["6.5/6.5"] * 4 + ["+2.00±0.00", "4.0"]
     assert lines["P-PI"][0] == "8.5††††/8.5††††"
     assert lines["Holdfast"][-2] == "–"
-    without = study(Dives, "--seeds", "4").summary(dives({"law": 3.0, FLOOR: 0.0}))
+    without = study(Dives, "--seeds", "4").summary(dives({"law": 3.0}))
     assert {line[-2] for line in without["rows"]} == {"–"}
 
     console = Console(width=80, record=True, file=StringIO())
@@ -107,7 +106,7 @@ def test_differences_are_taken_dive_by_dive() -> None:
 
 
 def test_a_picture_for_every_scenario(tmp_path: Path) -> None:
-    paths = study(Dives).draw(dives({"law": 3.0, DEFAULT: 1.0, FLOOR: 0.0}), tmp_path)
+    paths = study(Dives).draw(dives({"law": 3.0, DEFAULT: 1.0}), tmp_path)
     assert [path.name for path in paths] == [f"{scenario}.png" for scenario in SCENARIOS]
     assert all(path.stat().st_size > 10_000 for path in paths)
 
@@ -168,7 +167,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
     assert set(found.values) == set(row.knobs)
     wild = {"PSC_POSZ_P": 18.0, "PSC_VELZ_P": 48.0, "PSC_ACCZ_P": 3.0, "PSC_ACCZ_I": 0.6}
     dives = tune.training(1, around)
-    assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * CHATTER_N + found.score
+    assert tune.scores(row, [wild], configured, BASE, dives)[0] > 3.0 * tune.CHATTER_N + found.score
 
 
 @pytest.mark.compiles
