@@ -260,7 +260,7 @@ def in_words(command: Payload) -> str:
     """Return a command as an order in words."""
     if isinstance(command, Follow):
         here = " from where it is" if command.path.relative else ""
-        return f"{command.order} {command.path.name}".rstrip() + here
+        return f"{command.order} {printable(command.path.name)}".rstrip() + here
     if isinstance(command, SetPath):
         return "hold here" if command.action == "hold" else f"{command.action} the path"
     given = msgspec.to_builtins(command)

@@ -422,6 +422,7 @@ def test_what_waits_for_engaging_can_be_taken_back_and_nothing_goes_on_while_not
         ("setpoint", {"depth_m": 5.0, "heading_deg": 90.0}, "hold depth 5 m, heading 90°"),
         ("goto", {"x_m": 1.5, "frame": "body"}, "go 1.5 m forward from where it is"),
         ("follow", {"path": {"name": "ring", "circle": {"radius_m": 1.0}}}, "follow the path ring"),
+        ("follow", {"path": {"name": "a\nb", "circle": {"radius_m": 1.0}}}, "follow the path a\\nb"),
         ("path", {"action": "pause"}, "pause the path"),
         ("velocity", {"forward_mps": 0.2, "lasts_s": 2.0}, "move forward 0.2 m/s, lasts 2 s"),
         (

@@ -244,6 +244,7 @@ ABSURD: tuple[Any, ...] = (
     {},
 )
 POINTS = (1, 2, 2, 3, 4, 8, 30, 300, 900, 4000)
+STRANGE_NAMES = ("", "a\nforged line", "\x1b[2J", "{0}%s", "\u202eltr")
 SHAPES = {"waypoint", "circle", "lemniscate", "lawn_mower"}
 TICK_RATES_HZ = (10.0, 20.0, 50.0, 100.0)
 """Of which the vehicle's step is a whole part."""
@@ -291,7 +292,7 @@ def drawn(rng: Random, hint: Any, strange: float = 0.0) -> Any:
             return _table(rng, part, strange)
     if found := validation.bounds(hint):
         return min(round(number(rng, *found)), found[1]) if int in parts else number(rng, *found)
-    return rng.random() < 0.5 if bool in parts else rng.choice(registry.choices({}))
+    return rng.random() < 0.5 if bool in parts else rng.choice((*registry.choices({}), *STRANGE_NAMES))
 
 
 def _table(rng: Random, kind: type[msgspec.Struct], strange: float) -> dict[str, Any]:
