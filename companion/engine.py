@@ -336,6 +336,7 @@ class Engine:
             awaits_position=guidance.awaits_position,
             offers_position=guidance.offers_position,
             wants_ground=guidance.wants_ground,
+            doubts_range=guidance.doubts_range,
             dofs=self._dofs,
             finite=self._finite,
             full_override=demand.full_override,

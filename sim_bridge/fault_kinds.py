@@ -73,6 +73,19 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "dvl_out": FaultKind("the DVL does not measure"),
     "range_out": FaultKind("the rangefinder hears no echo"),
     "range_false": FaultKind("the rangefinder hears something else, so far away", "m", 0.0, 1000.0),
+    "range_answers": FaultKind(
+        "the rangefinder's changes come with this factor: 0 is stuck, -1 the wrong sign",
+        "factor",
+        -10.0,
+        10.0,
+    ),
+    "range_scaled": FaultKind(
+        "the rangefinder's range is multiplied: 3.28 in feet, 2 the second echo", "factor", 0.0, 100.0
+    ),
+    "range_drifts": FaultKind("the rangefinder's range grows by itself", "m/s", -10.0, 10.0),
+    "range_quality": FaultKind(
+        "the rangefinder tells this quality of its signal: 0 unknown, 1 none", "%", 0.0, 100.0
+    ),
     "compass": FaultKind(
         "magnetic north is turned clockwise; the EKF follows with 12.5 s", "degrees", -180.0, 180.0
     ),

@@ -16,7 +16,7 @@ from sim_bridge.firmware.params import Parameters
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.plant import Body, Six, State, Three, disturbance, euler
-from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Sensors
+from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, RangeFault, Sensors
 
 SLOW_PERIOD_STEPS = 20
 
@@ -222,10 +222,16 @@ class Vehicle:
         physics.health, physics.stuck = faults.health(), faults.stuck()
         autopilot.withhold_origin(faults.holds("origin_late") is not None)
         false_range_m = faults.value("range_false") if faults.holds("range_false") else None
+        autopilot.range_quality = round(faults.value("range_quality"))
         self._sensors.disturb(
             math.radians(faults.value("compass")),
             dvl_out=faults.holds("dvl_out") is not None,
-            false_range_m=math.nan if faults.holds("range_out") else false_range_m,
+            ranges=RangeFault(
+                math.nan if faults.holds("range_out") else false_range_m,
+                faults.value("range_answers", 1.0),
+                faults.value("range_scaled", 1.0),
+                faults.value("range_drifts"),
+            ),
             depth_noise_m=faults.value("depth_noise"),
             depth_lag_s=faults.value("depth_lag"),
         )

@@ -17,7 +17,7 @@ from companion.control.positioning import Model, jacobian
 from companion.estimation import observer, observers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
-from companion.estimation.ground import GroundFinder
+from companion.estimation.ground import Grounds
 from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
 from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
@@ -124,7 +124,7 @@ class Estimator:
         self._measured = [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
         self._restarted = True
-        self._ground = GroundFinder(self._delays.range_s)
+        self._ground = Grounds(self._delays.range_s)
         self._ranges: list[Range] = []
         self._water = Water()
         self._heading_watch = HeadingWatch()

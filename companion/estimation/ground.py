@@ -6,6 +6,7 @@
 | v      | how fast it falls under the vehicle that moves over it                         | m/s  |
 | θ      | exp(−ω dt): what is left of a deviation after dt                               |      |
 | T      | delay of the range, beyond that of telemetry: `delays.range_s`                 | s    |
+| f      | how much of the vehicle's own vertical motion the ground makes                 |      |
 
 A fading-memory filter with a double pole: g += (1 − θ²) e, v += (1 − θ)² e / dt, e = sample − (g + v dt). It
 follows a slope without lag. A sample that jumps is left out. Only a row of samples that agree with each other
@@ -13,6 +14,11 @@ is believed: a rise soon, because the vehicle might hit it, and a fall later.
 
 A range that is added to a depth of another time moves the ground with the vehicle, and an altitude that is
 held then oscillates. So it is added to the depth of T before it was sent.
+
+A ground that moves as the vehicle does is none: f is 0 for a range that answers the vehicle's motion, 1 for
+one that is stuck or drifts by itself, 2 for one of the wrong sign, 1 − k for one that is k times too long. f
+comes from a regression: of the ground's deviations from straight motion on the vehicle's, and on their rate,
+which takes up a delay other than T. Told is in-phase part or amplitude, whichever is further from an answer.
 """
 
 import math
@@ -38,8 +44,24 @@ MAX_TILT_COS = math.cos(math.radians(60.0))
 MAX_SLOPE_MPS = 0.5
 UNKNOWN = Ground(math.nan, 0.0)
 
+ANSWER_OMEGA_RADPS, ANSWER_MEMORY_S = 1.5, 5.0
+"""Of the filters that tell what is straight motion: quicker than the vehicle follows a ground, which then
+would seem to move along; and of the regression, about a period of the nod."""
+
+SCATTER_M, LEAST_INFORMATION = 0.015, 25.0
+"""Least standard deviation of a range, in whole centimetres; f is told when its own is below 1/5."""
+
 HISTORY_S = 1.0
 """How much longer than the range's delay the vehicle's depth is kept: telemetry is late too."""
+
+ANSWERS, MOVES_ALONG = 0.5, 0.7
+"""Shares of the vehicle's motion: a ground that makes less has not moved along, one that makes more has.
+
+All and nothing are equally likely at one half; 0.7 is a standard deviation beyond.
+"""
+
+MOST_SENSORS = 10
+"""As many rangefinders as ArduPilot has."""
 
 
 class Track(NamedTuple):
@@ -47,6 +69,44 @@ class Track(NamedTuple):
 
     depth_m: float
     rate_mps: float
+
+
+class Answer:
+    """Tells f from samples of the ground's depth and the vehicle's, of the same times."""
+
+    def __init__(self) -> None:
+        self._ground = self._depth = Track(math.nan, 0.0)
+        self._before_m = 0.0
+        self._sums = (0.0,) * 5
+        self._scatter, self._count = 0.0, 0.0
+
+    def take(self, ground_m: float, depth_m: float, gap_s: float) -> float:
+        """Return f after one more pair, `gap_s` after the one before; NaN while the motion was too small."""
+        if math.isnan(self._ground.depth_m):
+            self._ground, self._depth = Track(ground_m, 0.0), Track(depth_m, 0.0)
+        g = ground_m - (self._ground.depth_m + self._ground.rate_mps * gap_s)
+        e = depth_m - (self._depth.depth_m + self._depth.rate_mps * gap_s)
+        self._ground = _followed(self._ground, ground_m, gap_s, ANSWER_OMEGA_RADPS)
+        self._depth = _followed(self._depth, depth_m, gap_s, ANSWER_OMEGA_RADPS)
+        r, self._before_m = (e - self._before_m) / gap_s, e
+        fade = math.exp(-gap_s / ANSWER_MEMORY_S)
+        ee, er, rr, ge, gr = (
+            fade * total + term
+            for total, term in zip(self._sums, (e * e, e * r, r * r, g * e, g * r), strict=True)
+        )
+        self._sums = ee, er, rr, ge, gr
+        apart = ee * rr - er * er
+        if not apart > 1e-12:
+            return math.nan
+        f, late_s = (ge * rr - gr * er) / apart, (gr * ee - ge * er) / apart
+        self._count = fade * self._count + 1.0
+        self._scatter = fade * self._scatter + (g - f * e - late_s * r) ** 2
+        information = apart / rr / (self._scatter / self._count + SCATTER_M**2)
+        if information < LEAST_INFORMATION:
+            return math.nan
+        self._sums = (0.0,) * 5
+        response = math.hypot(1.0 - f, late_s * math.sqrt(rr / ee))
+        return f if abs(f) >= abs(1.0 - response) else 1.0 - response
 
 
 class GroundFinder:
@@ -59,6 +119,7 @@ class GroundFinder:
         self._track = Track(math.nan, 0.0)
         self._at_s = self._came_s = -math.inf
         self._other_m, self._other_since_s, self._agreeing = math.nan, -math.inf, 0
+        self._answer, self._moves_along = Answer(), math.nan
 
     def step(
         self,
@@ -81,26 +142,26 @@ class GroundFinder:
         if not now_s - self._came_s <= LOST_S:
             return UNKNOWN
         depth_m, rate_mps = self._track
-        return Ground(depth_m + rate_mps * max(now_s - self._at_s, 0.0), rate_mps)
+        ground_m = depth_m + rate_mps * max(now_s - self._at_s, 0.0)
+        return Ground(ground_m, rate_mps, self._moves_along)
 
     def _take(self, one: Range, sent_s: float) -> None:
         measured_s = sent_s - self._delay_s
-        sample_m = self._sample_m(one.range_m, measured_s)
+        self._moves_along = math.nan
+        depth_m, tilt_cos = self._pose(measured_s)
+        sample_m = depth_m + one.range_m * tilt_cos if tilt_cos >= MAX_TILT_COS else math.nan
         gap_s = one.t_s - self._came_s
         if math.isnan(sample_m) or gap_s <= 0.0:
             return
         at_s = max(measured_s, self._at_s + 0.5 * gap_s if gap_s <= LOST_S else -math.inf)
         error_m = sample_m - (self._track.depth_m + self._track.rate_mps * (at_s - self._at_s))
         if gap_s <= LOST_S and abs(error_m) <= JUMP_M:
-            self._track = _followed(self._track, sample_m, at_s - self._at_s)
+            followed, rate_mps = _followed(self._track, sample_m, at_s - self._at_s, OMEGA_RADPS)
+            self._track = Track(followed, max(-MAX_SLOPE_MPS, min(rate_mps, MAX_SLOPE_MPS)))
+            self._moves_along = self._answer.take(sample_m, depth_m, at_s - self._at_s)
             self._came_s, self._at_s, self._agreeing = one.t_s, at_s, 0
         else:
             self._doubt(one.t_s, at_s, sample_m)
-
-    def _sample_m(self, range_m: float, at_s: float) -> float:
-        """Return the ground's depth of a range that was true at `at_s`; NaN where it says nothing."""
-        depth_m, tilt_cos = self._pose(at_s)
-        return depth_m + range_m * tilt_cos if tilt_cos >= MAX_TILT_COS else math.nan
 
     def _pose(self, at_s: float) -> tuple[float, float]:
         """Return depth and cosine of the tilt at a time; before the first the first."""
@@ -123,12 +184,50 @@ class GroundFinder:
         if t_s - self._other_since_s >= long_s and self._agreeing >= AGREEING:
             self._track, self._came_s, self._at_s = Track(sample_m, 0.0), t_s, at_s
             self._agreeing = 0
+            self._answer = Answer()
 
 
-def _followed(track: Track, sample_m: float, gap_s: float) -> Track:
+class Grounds:
+    """The ground of one sensor of several: of one that answers, and as long as it does of the same."""
+
+    def __init__(self, range_delay_s: float = 0.0) -> None:
+        self._delay_s = range_delay_s
+        self._finders: dict[int, GroundFinder] = {}
+        self._failed: set[int] = set()
+        """Those whose ground moved along, and has not stood still since."""
+        self._sensor = -1
+
+    def step(
+        self,
+        now_s: float,
+        ranges: Sequence[Range],
+        depth_m: float,
+        tilt_cos: float,
+        telemetry_s: float = 0.0,
+    ) -> Ground:
+        """Take all sensors' ranges as `GroundFinder.step` does one's; return the ground of the best."""
+        for one in ranges:
+            if one.sensor not in self._finders and len(self._finders) < MOST_SENSORS:
+                self._finders[one.sensor] = GroundFinder(self._delay_s)
+        best, most = UNKNOWN, -1
+        for sensor, finder in self._finders.items():
+            own = [one for one in ranges if one.sensor == sensor]
+            ground = finder.step(now_s, own, depth_m, tilt_cos, telemetry_s)
+            if abs(ground.moves_along) > MOVES_ALONG:
+                self._failed.add(sensor)
+            elif abs(ground.moves_along) <= ANSWERS:
+                self._failed.discard(sensor)
+            worth = 4 * ground.known + 2 * (sensor not in self._failed) + (sensor == self._sensor)
+            if worth > most:
+                best, most, chosen = ground, worth, sensor
+        if self._finders:
+            self._sensor = chosen
+        return best
+
+
+def _followed(track: Track, sample_m: float, gap_s: float, omega_radps: float) -> Track:
     """Return a filter after a sample, `gap_s` after the one before."""
     error_m = sample_m - (track.depth_m + track.rate_mps * gap_s)
-    theta = math.exp(-OMEGA_RADPS * gap_s)
+    theta = math.exp(-omega_radps * gap_s)
     rate_mps = track.rate_mps + (1.0 - theta) ** 2 * error_m / gap_s
-    rate_mps = max(-MAX_SLOPE_MPS, min(rate_mps, MAX_SLOPE_MPS))
     return Track(sample_m - theta**2 * error_m, rate_mps)

@@ -126,6 +126,11 @@ class Guidance:
         return self._altitude is not None
 
     @property
+    def doubts_range(self) -> bool:
+        """Whether the depth is held because the range does not answer the vehicle's motion."""
+        return self._altitude is not None and self._altitude.doubts
+
+    @property
     def _wants_position(self) -> bool:
         course = self._course
         moves = course is not None and course.wants_position and not (course.done or course.suspended)
@@ -440,7 +445,7 @@ class Guidance:
         altitude.step(ground, start_m, least_m, heave.max_rate, heave.max_acceleration, dt_s)
         shallow_m, deep_m = self._fence.depth_m
         altitude.bound(max(shallow_m, 0.0), deep_m)
-        self._target.move_depth(altitude.depth_m, altitude.rate_mps, altitude.acceleration_mps2)
+        self._target.move_depth(*altitude.target)
 
     def _follow_course(self, state: VehicleState, reference: Reference, dt_s: float) -> None:
         """Move the target along the course; one that leads nowhere ends here."""

@@ -42,6 +42,9 @@ PRESSURES: Final = (
 DIRECTIONS: Final = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 """Parameters by motor: below zero it is reversed."""
 
+QUALITY_PARAMETER: Final = "RNGFND_SQ_MIN"
+"""Of a rangefinder: the least signal quality, %, since ArduSub 4.5."""
+
 FRAMES: Final = {0.0: "bluerov1", 1.0: "vectored", 2.0: "vectored_6dof"}
 """Names of FRAME_CONFIG's values."""
 

@@ -15,6 +15,7 @@ from companion.mavlink.ardusub import (
     LEAVE_ALONE,
     NEUTRAL_US,
     PRESSURES,
+    QUALITY_PARAMETER,
     SPAN_US,
     STICK,
     STICK_NEUTRAL_Z,
@@ -67,8 +68,13 @@ MAX_SPEED_MPS: Final = 20.0
 MAX_DISTANCE_M: Final = 1e5
 MAX_RANGE_M: Final = 500.0
 LOOKS_DOWN: Final = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+UNKNOWN_QUALITY: Final = 0
 NO_SIGNAL: Final = 1
 """DISTANCE_SENSOR.signal_quality: 0 is unknown, 1 none, 100 the best."""
+LEAST_QUALITY: Final = 90.0
+"""Before RNGFND_SQ_MIN is known, or where there is none: its default."""
+NO_SENSOR: Final = -1
+"""In place of a sensor's number, for RANGEFINDER, which has none."""
 MAX_ANGLE_RAD: Final = 6.3
 MAX_RATE_RADPS: Final = 50.0
 MAX_PWM_US: Final = 3000
@@ -158,8 +164,8 @@ class Decoder:
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
-        self._range_sensor: int | None = None
-        """Which DISTANCE_SENSOR looks down: the first one heard of."""
+        self._hears_distances = False
+        """Whether a DISTANCE_SENSOR looks down."""
         handlers: dict[int, Callable[[Message, float], tuple[Event, ...]]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
@@ -271,20 +277,27 @@ class Decoder:
         return (Position(t_s, self._clock.from_ms(m.time_boot_ms), x, y, vx, vy),)
 
     def _distance_sensor(self, m: Message, t_s: float) -> tuple[Event, ...]:
-        """Take the first sensor that looks down; ignore readings that it marks as bad."""
-        if m.orientation != LOOKS_DOWN or self._range_sensor not in (None, m.id):
+        """Take the sensors that look down; leave out what has too weak a signal or is beyond their limits.
+
+        RNGFND_SQ_MIN is the least quality, as in ArduSub's SURFTRAK. Limits that are both 0 are unknown.
+        """
+        if m.orientation != LOOKS_DOWN:
             return ()
-        self._range_sensor = m.id
-        sound = m.signal_quality != NO_SIGNAL and m.min_distance <= m.current_distance <= m.max_distance
-        return (Range(t_s, m.current_distance / 1e2),) if sound and m.current_distance else ()
+        self._hears_distances = True
+        quality, range_m = m.signal_quality, m.current_distance / 1e2
+        least = max(self._parameters.get(QUALITY_PARAMETER, LEAST_QUALITY), NO_SIGNAL + 1)
+        limited = m.min_distance or m.max_distance
+        heard = range_m and (not limited or m.min_distance <= m.current_distance <= m.max_distance)
+        sound = heard and (quality == UNKNOWN_QUALITY or quality >= least)
+        return (Range(t_s, range_m, m.id),) if sound else ()
 
     def _rangefinder(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Take its distance where no DISTANCE_SENSOR comes, which says more."""
-        if self._range_sensor is not None or m.distance == 0.0:
+        if self._hears_distances or m.distance == 0.0:
             return ()
         if not 0.0 < m.distance <= MAX_RANGE_M:
             return self._implausible()
-        return (Range(t_s, m.distance),)
+        return (Range(t_s, m.distance, NO_SENSOR),)
 
     def _servo_output(self, m: Message, t_s: float) -> tuple[Event, ...]:
         """Port 0 alone, and only once another message has told how often the µs stamp has wrapped."""

@@ -6,7 +6,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import DIRECTIONS
+from companion.mavlink.ardusub import DIRECTIONS, QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import Streams
@@ -65,7 +65,6 @@ class LinkMaintenance:
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float]) -> None:
         self._commands = commands
         self._streams = Streams(rates_hz)
-        self.heard = self._streams.heard
         self._parameters: dict[str, float] = {}
         self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
@@ -94,6 +93,12 @@ class LinkMaintenance:
     def measured_hz(self) -> Mapping[int, float]:
         """Return how often each stream comes, by message id, where that was measured."""
         return self._streams.measured_hz
+
+    def heard(self, message_id: int) -> None:
+        """Count one message; what a rangefinder needs is asked once there is one: 4.1 does not have it."""
+        self._streams.heard(message_id)
+        if message_id == mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR and QUALITY_PARAMETER not in self._parameters:
+            self._missing.setdefault(QUALITY_PARAMETER, (float("-inf"), PARAMETER_AGAIN_S[0]))
 
     def step(
         self,
@@ -176,7 +181,7 @@ class LinkMaintenance:
             self._streams.said(event.text)
 
     def _answer(self, event: Parameter) -> None:
-        if event.name not in PARAMETERS:
+        if event.name not in (*PARAMETERS, QUALITY_PARAMETER):
             return
         known = RENAMED.get(event.name, event.name)
         self._parameters[known] = event.value

@@ -120,6 +120,14 @@ class Condition(IntFlag):
         "found again",
         "check the rangefinder or the DVL; command a depth",
     )
+    GROUND_DOUBTED = (
+        "the range does not answer the vehicle's motion",
+        "a range that answers the vehicle's motion",
+        "the range answers the vehicle's motion again",
+        "an altitude is to be kept, and the range does not show how the vehicle itself moves: the depth is "
+        "held, and the vehicle nods by 10 cm until the range shows it",
+        "clean the transducer, check the rangefinder's driver; command a depth",
+    )
     YAW_RESET = (
         "the EKF reset its yaw",
         "a steady yaw of the EKF",

@@ -63,9 +63,10 @@ class Position(Event, frozen=True, gc=False):
 
 
 class Range(Event, frozen=True, gc=False):
-    """A range (m) along the vehicle's own down axis, to the ground, of a sonar or a DVL."""
+    """A range (m) along the vehicle's own down axis, to the ground, of one sonar or DVL of several."""
 
     range_m: float
+    sensor: int = 0
 
 
 class ServoOutput(Event, frozen=True, gc=False):

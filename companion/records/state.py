@@ -77,10 +77,15 @@ NOMINAL = VehicleModel(ONES, LAGS, ONES, LAGS, ZERO, ZERO, ONES, ZERO, LAGS[2])
 
 
 class Ground(msgspec.Struct, frozen=True):
-    """The ground under the vehicle: its depth (m), NaN where it is not known, and how fast it falls (m/s)."""
+    """The ground under the vehicle: its depth (m), NaN where it is not known, and how fast it falls (m/s).
+
+    `moves_along` is how much of the vehicle's own vertical motion it makes (`estimation.ground`): 0 where the
+    range answers, NaN where the vehicle moved too little to tell.
+    """
 
     depth_m: float
     rate_mps: float
+    moves_along: float = math.nan
 
     @property
     def known(self) -> bool:

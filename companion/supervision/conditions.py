@@ -124,6 +124,7 @@ RULES: dict[Condition, Rule] = {
     C.POSITION_STALE: Rule(_position_stale, ("position_timeout_s",), warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),
+    C.GROUND_DOUBTED: Rule(lambda now, _: now.steered and now.observed.doubts_range, warns=True),
     C.YAW_RESET: Rule(lambda now, _: now.observed.state.ages.yaw_reset_s <= RESET_SETTLE_S, warns=True),
     C.POSITION_RESET: Rule(
         lambda now, _: now.observed.state.ages.position_reset_s <= RESET_SETTLE_S, warns=True

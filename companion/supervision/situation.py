@@ -39,6 +39,8 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """Whether a position came while others are held, and nothing wants x and y."""
     wants_ground: bool = False
     """Whether an altitude over the ground is to be kept."""
+    doubts_range: bool = False
+    """Whether the range did not answer the vehicle's motion."""
     dofs: DofSample | None = None
     """The last tick's."""
     finite: bool = True

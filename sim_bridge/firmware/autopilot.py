@@ -108,6 +108,7 @@ class Autopilot:
         self._demand: tuple[float, ...] | None = None
         self._input_is_new = True
         self.ekf_doubt: float | None = None
+        self.range_quality = 0
         """The EKF's variance while it has no solution."""
         self.failsafes = Failsafes(self, rc_receiver, rebooted=rebooted)
         self.pilot = Pilot(params, self._button, self._say_info)

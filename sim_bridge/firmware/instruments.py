@@ -92,6 +92,7 @@ def _distance_sensor(s: "Autopilot") -> Message:
         0,
         mavlink.MAV_SENSOR_ROTATION_PITCH_270,
         0,
+        signal_quality=s.range_quality,
     )
 
 

@@ -87,6 +87,16 @@ def deviation(steel: Steel, state: State) -> float:
     return math.atan2(east, EARTH_NORTH_UT + north)
 
 
+class RangeFault(NamedTuple):
+    """What is wrong with the rangefinder (`FAULT_KINDS`)."""
+
+    false_m: float | None = None
+    """NaN hears nothing; None is sound."""
+    answers: float = 1.0
+    scale: float = 1.0
+    drift_mps: float = 0.0
+
+
 class Sensors:
     """Keeps a short history of the true motion and reports from it."""
 
@@ -117,7 +127,8 @@ class Sensors:
         self._range_rng = range_rng
         self._range_m = math.nan
         self._echoes: deque[float] = deque()
-        self._false_range_m: float | None = None
+        self._range_fault = RangeFault()
+        self._sound_range_m, self._drifted_m = math.nan, 0.0
         self._range_steps = max(1, round(config.range_period_s / step_s))
         self._late_ranges = round(config.range_delay_s / (self._range_steps * step_s))
         self._steel = steel
@@ -219,12 +230,12 @@ class Sensors:
         turned_rad: float,
         *,
         dvl_out: bool,
-        false_range_m: float | None,
+        ranges: RangeFault,
         depth_noise_m: float,
         depth_lag_s: float,
     ) -> None:
         """Turn magnetic north clockwise (rad), silence the DVL, spoil the rangefinder and the EKF's depth."""
-        self._false_range_m = false_range_m
+        self._range_fault = ranges
         if depth_lag_s and not self._lag_s and self._history:
             self._mean_depth_m = self._history[-1][0][2]
         self._noise_m, self._lag_s = depth_noise_m, depth_lag_s
@@ -289,13 +300,20 @@ class Sensors:
         config = self._config
         if self._seabed is None:
             return math.nan
-        if self._false_range_m is not None:
-            return self._false_range_m
+        fault = self._range_fault
+        if fault.false_m is not None:
+            return fault.false_m
         down = down_axis(state)[2]
         if down < STEEPEST_ECHO:
             return math.nan
         over_m = self._seabed.depth_at(state[0], state[1]) - state[2]
-        range_m = over_m / down + config.range_white_m * float(self._range_rng.standard_normal())
+        range_m = over_m / down
+        if (fault.answers == 1.0 and not fault.drift_mps) or math.isnan(self._sound_range_m):
+            self._sound_range_m, self._drifted_m = range_m, 0.0
+        self._drifted_m += fault.drift_mps * self._range_steps * self._step_s
+        sound_m = self._sound_range_m
+        range_m = fault.scale * (sound_m + fault.answers * (range_m - sound_m) + self._drifted_m)
+        range_m += config.range_white_m * float(self._range_rng.standard_normal())
         return range_m if config.range_min_m <= range_m <= config.range_max_m else math.nan
 
     def rezero(self) -> None:

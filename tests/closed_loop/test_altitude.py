@@ -86,6 +86,59 @@ def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault(kind="message_frozen", message="DISTANCE_SENSOR"),
+        Fault(kind="range_answers", value=0.0),
+        Fault(kind="range_answers", value=-1.0),
+        Fault(kind="range_scaled", value=3.28),
+        Fault(kind="range_false", value=12.0),
+        Fault(kind="range_false", value=0.4),
+    ],
+    ids=lambda fault: f"{fault.kind} {fault.value:g}",
+)
+def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
+    """From 2 m over the ground to an altitude of 1 m; the range is sound again after 25 s."""
+    dive = diving()
+    dive.fault(fault.kind, 25.0, value=fault.value, message=fault.message)
+    dive.run(3.5)
+    dive.engine.guide(Goto(altitude_m=1.0))
+    steps = dive.run(21.0)
+    doubted = [Condition.GROUND_DOUBTED in step.sample.verdict.warnings for step in steps]
+    assert 1.15 < altitudes(steps).min() <= altitudes(steps).max() < 3.9
+    assert all(doubted[600:])
+    assert np.ptp(altitudes(steps)[-400:]) < 0.25
+    steps = dive.run(40.0)
+    assert np.abs(np.diff(altitudes(steps))).max() < 0.6 * 0.02
+    assert altitudes(steps)[-100:] == pytest.approx(1.0, abs=0.05)
+    assert not steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
+
+
+@pytest.mark.parametrize("quality", [1.0, 2.0, 50.0])
+def test_a_range_of_a_weak_signal_is_none(quality):
+    dive = diving()
+    dive.engine.guide(Goto(altitude_m=2.0))
+    dive.run(3.0)
+    dive.fault("range_quality", value=quality)
+    dive.fault("range_false", value=0.6)
+    steps = dive.run(8.0)
+    assert altitudes(steps) == pytest.approx(2.0, abs=0.04)
+    assert steps[-1].sample.verdict.warnings & Condition.GROUND_LOST
+
+
+def test_a_range_that_sticks_while_a_slope_is_followed_is_doubted():
+    dive = diving("seabed.slope=[0.15,0]", "sensors.dvl=true", x=0.0, y=0.0)
+    places = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=30.0, y_m=0.0))
+    plan = PathPlan(waypoint=places, altitude_m=1.5, speed_mps=0.3, acceleration_mps2=0.2, heading="keep")
+    dive.engine.guide(build(plan, limits(dive.engine.config)))
+    dive.run(12.0)
+    dive.fault("range_answers", value=0.0)
+    steps = dive.run(40.0)
+    assert altitudes(steps, lambda eta: 6.0 + 0.15 * eta[0]).min() > 0.6
+    assert steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
+
+
 def test_too_low_an_altitude_is_refused_and_so_is_one_beside_a_depth():
     dive = diving()
     for order, said in (

@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from companion.estimation.ground import FALL_BELIEVED_S, LOST_S, RISE_BELIEVED_S, GroundFinder
+from companion.estimation.ground import (
+    ANSWERS,
+    FALL_BELIEVED_S,
+    LOST_S,
+    RISE_BELIEVED_S,
+    GroundFinder,
+    Grounds,
+)
 from companion.guidance.altitude import AltitudeHold
 from companion.records import Ground, Range
 
@@ -77,6 +84,52 @@ def test_the_range_is_along_the_hulls_own_axis():
         assert over(GroundFinder(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
     assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.cos(math.radians(65.0)))[-1].known
     assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.nan)[-1].known
+
+
+def judged(answers, delay_s=0.3, drift_mps=0.0):
+    """Return what was told of a range whose changes come with a factor, while the vehicle heaves."""
+    finder, rng, found = GroundFinder(0.3), np.random.default_rng(3), []
+    t_s = 0.02 * np.arange(1000)
+    depths = 4.0 + 0.15 * np.sin(2.0 * np.pi / 4.0 * t_s)
+    ranges = (2.0 - answers * (depths - 4.0) + drift_mps * t_s + 0.01 * rng.standard_normal(1000)).tolist()
+    t_s = t_s.tolist()
+    for tick in range(round(delay_s / 0.02), len(t_s)):
+        heard = [Range(t_s[tick], ranges[tick - round(delay_s / 0.02)])] if tick % 5 == 0 else []
+        found.append(finder.step(t_s[tick], heard, depths[tick], 1.0).moves_along)
+    return np.array([f for f in found if not math.isnan(f)])
+
+
+@pytest.mark.parametrize("drift_mps", [0.0, 0.05])
+@pytest.mark.parametrize("answers", [0.0, -1.0, 0.305, 2.0, 3.28])
+def test_a_ground_that_moves_along_with_the_vehicle_is_told(answers, drift_mps):
+    found = judged(answers, drift_mps=drift_mps)
+    assert len(found) > 100
+    assert np.median(found) == pytest.approx(1.0 - answers, abs=0.1)
+    assert found == pytest.approx([1.0 - answers] * len(found), abs=0.4)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.3, 0.8])
+def test_a_range_that_answers_later_or_sooner_than_configured_is_believed(delay_s):
+    found = np.abs(judged(1.0, delay_s))
+    assert np.median(found) < 0.3
+    assert np.mean(found < ANSWERS) > 0.8
+
+
+def test_nothing_is_told_of_a_vehicle_that_does_not_move():
+    found = over(GroundFinder(), 2.0 + 0.02 * np.random.default_rng(1).standard_normal(600))
+    assert all(math.isnan(ground.moves_along) for ground in found)
+
+
+def test_of_several_sensors_the_one_that_answers_is_followed():
+    """Sensor 0 is stuck; sensor 1 answers until it falls silent; then 0 is better than none."""
+    grounds, found = Grounds(), []
+    for tick in range(2000):
+        t_s = 0.02 * tick
+        depth_m = 4.0 + 0.2 * math.sin(2.0 * math.pi / 4.0 * t_s)
+        heard = [Range(t_s, 2.0, 0)] + [Range(t_s, 8.0 - depth_m, 1)] * (t_s < 30.0)
+        found.append(grounds.step(t_s, heard if tick % 5 == 0 else [], depth_m, 1.0).depth_m)
+    assert found[200:1540] == pytest.approx([8.0] * 1340, abs=0.01)
+    assert found[-1] == pytest.approx(6.0, abs=0.3)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.4, 0.8])

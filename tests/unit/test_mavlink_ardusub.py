@@ -24,6 +24,7 @@ from companion.records import (
     PilotInput,
     PilotToggle,
     Position,
+    Range,
     ReceiverChannels,
     ServoOutput,
     StatusText,
@@ -83,6 +84,52 @@ def statustext(text, key=0, chunk=0):
 def battery(cells, key=0):
     cells = [*cells, *[65535] * (10 - len(cells))]
     return mavlink.MAVLink_battery_status_message(key, 0, 0, 0, cells, 0, 0, 0, 0)
+
+
+def distance(quality=0, sensor=0, cm=250, orientation=25, limits_cm=(30, 5000)):
+    field = {"signal_quality": quality}
+    return mavlink.MAVLink_distance_sensor_message(0, *limits_cm, cm, 1, sensor, orientation, 0, **field)
+
+
+class TestRanges:
+    @pytest.mark.parametrize(
+        ("parameters", "quality", "sound"),
+        [
+            *[({}, quality, quality in (0, 90, 100)) for quality in (0, 1, 2, 10, 50, 89, 90, 100)],
+            *[({"RNGFND_SQ_MIN": 40.0}, quality, quality in (0, 40)) for quality in (0, 1, 39, 40)],
+            *[({"RNGFND_SQ_MIN": 0.0}, quality, quality != 1) for quality in (0, 1, 2)],
+        ],
+    )
+    def test_a_weak_signal_is_no_range(self, counters, parameters, quality, sound):
+        got = convert(Decoder(counters, parameters=parameters), distance(quality, sensor=3))
+        assert got == ((Range(T, 2.5, 3),) if sound else ())
+
+    @pytest.mark.parametrize(
+        ("told", "sound"),
+        [
+            ({"limits_cm": (0, 0)}, True),
+            ({"cm": 29}, False),
+            ({"cm": 5001}, False),
+            ({"cm": 0, "limits_cm": (0, 0)}, False),
+            ({"orientation": 0}, False),
+            ({"orientation": 24}, False),
+        ],
+    )
+    def test_what_looks_elsewhere_or_is_beyond_its_limits_is_no_range(self, decoder, told, sound):
+        assert bool(convert(decoder, distance(**told))) is sound
+
+    def test_every_sensor_that_looks_down_is_told_apart(self, decoder):
+        assert [convert(decoder, distance(sensor=n))[0].sensor for n in (0, 7, 0)] == [0, 7, 0]
+
+    def test_rangefinder_counts_only_without_a_distance_sensor_that_looks_down(self, decoder, counters):
+        plain = mavlink.MAVLink_rangefinder_message(2.5, 0.0)
+        convert(decoder, distance(orientation=0))
+        assert [event.range_m for event in convert(decoder, plain)] == [2.5]
+        for absurd in (NAN, INF, -1.0):
+            assert convert(decoder, mavlink.MAVLink_rangefinder_message(absurd, 0.0)) == ()
+        assert counters.implausible == 3
+        convert(decoder, distance(quality=1))
+        assert convert(decoder, plain) == ()
 
 
 class TestSignsAndScales:

@@ -4,6 +4,7 @@ import mavlink_wire as wire
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.mavlink.ardusub import QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
@@ -188,7 +189,7 @@ def test_timesync_about_four_times_a_second(dive):
 
 def test_parameters_are_read_until_answered(dive):
     dive.run(5.0)
-    assert set(dive.names()) == set(PARAMETERS)
+    assert set(dive.names()) == {*PARAMETERS, QUALITY_PARAMETER}
     assert dive.names().count("FS_PILOT_INPUT") >= 2
     dive.step(Parameter(dive.now_s, "FS_PILOT_INPUT", 2.0))
     dive.sent.clear()
@@ -210,7 +211,7 @@ def test_parameters_that_nobody_answers_are_asked_for_ever_more_rarely(dive):
 def test_the_surface_pressure_is_read_again_and_at_once_after_arming(dive):
     """The autopilot sets it anew at the surface and on arming, and tells nobody."""
     dive.run(0.1)
-    for name in PARAMETERS:
+    for name in (*PARAMETERS, QUALITY_PARAMETER):
         dive.step(Parameter(dive.now_s, name, 1.0))
     dive.sent.clear()
     dive.run(25.0)

@@ -79,6 +79,7 @@ ONLY_REPORTED = (
     C.POSITION_RESET,
     C.PEER_CHANGED,
     C.GROUND_LOST,
+    C.GROUND_DOUBTED,
     C.POSITION_UNUSED,
     C.HEADING_WRONG,
 )
@@ -485,6 +486,7 @@ SEEN = [
     (RESTING, {"requests": [Request.CLEAR_FAULT]}, C.CLEAR_ASKED),
     (RESTING, {"offers_position": True}, C.POSITION_UNUSED),
     (RESTING, {"wants_ground": True}, C.GROUND_LOST),
+    (RESTING, {"doubts_range": True}, C.GROUND_DOUBTED),
     (structs.replace(RESTING, heading_check=HeadingCheck(doubtful=True)), {}, C.HEADING_WRONG),
     (RESTING, {"details": {C.PREFLIGHT_FAILURE: ("the leak", "")}}, C.PREFLIGHT_FAILURE),
     (RESTING, {"ramped_down": True}, C.RAMPED_DOWN),
