@@ -36,8 +36,13 @@ class Dive:
     heading: np.ndarray
 
 
-def dive(length_s: float = 120.0, seed: int = 1, axes: tuple[int, ...] = (0, 1, 2, 3)) -> Dive:
-    """Steer `axes` by turns and together, from rest and back."""
+def dive(
+    length_s: float = 120.0,
+    seed: int = 1,
+    axes: tuple[int, ...] = (0, 1, 2, 3),
+    force: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0),
+) -> Dive:
+    """Steer `axes` by turns and together, from rest and back, while a constant `force` acts."""
     rng = np.random.default_rng(seed)
     count, fine = round(length_s / STEP_S), 5
     sticks = np.zeros((count, 4))
@@ -62,7 +67,7 @@ def dive(length_s: float = 120.0, seed: int = 1, axes: tuple[int, ...] = (0, 1, 
             rests = np.where(fresh | (turns == 0.0), START_S, rests - h)
             given = np.where(rests <= 0.0, asked, 0.0)
             pushes = given + (pushes - given) * math.exp(-h / LAG_S)
-            tau = (pushes @ MIXER) * ARMS
+            tau = (pushes @ MIXER) * ARMS + force
             u, v, _, r = nu
             tau += np.array((CORIOLIS * m[1] * r * v, -CORIOLIS * m[0] * r * u, 0.0, COUPLING * v))
             nu = nu + h * (tau - d1 * nu - d2 * np.abs(nu) * nu) / m
@@ -86,12 +91,13 @@ def north_east_down(one: Dive, k: int) -> tuple[float, float, float]:
     return c * u - s * v, s * u + c * v, w
 
 
-def write_csv(one: Dive, path: Path, *, speeds: bool = True) -> Path:
-    """Write the documented columns; without `speeds` depth and attitude alone."""
+def write_csv(one: Dive, path: Path, *, speeds: bool = True, late_s: float = 0.0) -> Path:
+    """Write the documented columns, commands `late_s` late; without `speeds` depth and attitude alone."""
     names = "t_s,surge,sway,heave,yaw,roll,pitch,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad"
     lines = [names + (",u_mps,v_mps,w_mps,p_radps,q_radps,r_radps" if speeds else "")]
     for k, t_s in enumerate(one.t_s):
-        sticks = ",".join(f"{x:.3f}" for x in (*one.sticks[k], 0.0, 0.0))
+        sent = one.sticks[max(k - round(late_s / STEP_S), 0)]
+        sticks = ",".join(f"{x:.3f}" for x in (*sent, 0.0, 0.0))
         pose = ",".join(f"{x:.5f}" for x in (*one.place[k], 0.0, 0.0, one.heading[k]))
         u, v, w, r = one.velocity[k]
         lines.append(

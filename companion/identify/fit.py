@@ -9,71 +9,41 @@ of a tether, are correlated (Newey and West, Econometrica, 1987).
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.config import VehicleFile
-from companion.identify import tilt
-from companion.identify.least_squares import Bounds, least_squares, sandwich
-from companion.identify.model import (
-    BODY,
-    CORIOLIS,
-    COUPLING,
-    DEAD,
-    DELAY,
-    HORIZONS_S,
-    KEYS,
-    LAG,
-    LATER,
-    LEVEL_LATER,
-    LINEAR,
-    MASS,
-    QUADRATIC,
-    START,
-    WEIGHT,
-    Track,
-    moved,
-    parameters,
-    score,
-)
+from companion.identify import model, tilt
+from companion.identify.least_squares import Bounds, Found, jackknife, least_squares
+from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES, Array
 
-LEAST: Final = np.array((*[1.0] * 3, 0.02, *[0.0] * 8, 0.0, -8.0, 0.02, 0.0, -0.02, -100.0, -0.03, 5.0, -0.1))
-MOST: Final = np.array(
-    (*[1e3] * 3, 1e2, *[300.0] * 3, 30.0, *[1e3] * 3, 30.0, 1.0, 8.0, 1.0, 0.5, 0.1, 100.0, 0.03, 55.0, 0.1)
-)
-STEPS: Final = np.array(
-    (
-        *[0.3] * 3,
-        0.003,
-        *[0.3] * 3,
-        0.003,
-        *[0.3] * 3,
-        0.003,
-        0.01,
-        0.01,
-        *[0.001] * 3,
-        0.01,
-        0.001,
-        0.3,
-        0.001,
-    )
-)
-"""A small change of each, for the slope."""
 START_SIZES: Final = (0.5, 1.0, 2.5)
-START_LAG_S, START_START_S, START_DELAY_S = 0.06, 0.1, 0.01
-BLOCK_S = 5.0
+START_LAG_S, START_START_S = 0.06, 0.1
+TIMES: Final = {
+    model.LAG: "lag",
+    model.DELAY: "delay",
+    model.LATER: "lateness of the vertical speed",
+    model.LEVEL_LATER: "lateness of the horizontal speed",
+}
+EXACT: Final = {model.DELAY: (-0.02, 0.1), model.LATER: (-0.03, 0.03), model.LEVEL_LATER: (-0.1, 0.1)}
+"""Bounds in a manoeuvre, of which Holdfast itself stamped commands and arrivals, s."""
+BLOCKS_S: Final = (5.0, 20.0, 60.0)
+MIN_BLOCKS = 8
+"""The doubt is the largest that these blocks give, where there are so many of them."""
 TRUSTED, TRUSTED_OF_MANOEUVRE = 0.25, 0.1
 """An inertia with a larger share of standard deviation is not written into the vehicle's file."""
 MAX_UNEXPLAINED: Final = 0.35
 """Nor that of an axis of whose change over 2 s the model leaves a larger share: something else drove it."""
 CALM: Final = 0.015
 """A manoeuvre leaves a smaller share in calm water; in waves inertia is found too large."""
-MAX_DOUBTS: Final = {CORIOLIS: 0.25, COUPLING: 1.0, LAG: 0.1, START: 0.1, DELAY: 0.1}
-"""Nor is one of these that is known less well; N·s, s."""
+MUCH = 0.9
+"""An axis that is known badly is written where its fit leaves a smaller share of what the base leaves."""
 APART = 0.15
 """Inertia and damping are told apart where neither's doubt is a larger share of it."""
 
@@ -82,19 +52,32 @@ APART = 0.15
 class Fit:
     """What tables tell: by the model's numbers the values and standard deviations, NaN where not fitted."""
 
-    theta: Array
+    tables: tuple[str, ...]
+    """Names."""
+    thetas: Array
+    """By table: its own parameters differ."""
     sigma: Array
     covariance: Array
+    """Of the shared parameters and of the first table's own."""
+    at_bound: tuple[int, ...]
+    """Parameters that ended at a bound."""
     axes: tuple[bool, ...]
     """Which of surge, sway, heave and yaw were measured and moved."""
     speeds: tuple[float, ...]
     """RMS of each axis' velocity, m/s and rad/s."""
     unexplained: tuple[float, ...]
     """1 − R² of each axis over 2 s, on these tables."""
+    unexplained_before: tuple[float, ...]
+    """The same of the base's parameters."""
     tilt: dict[str, tuple[float, float]]
     """Keys of `[levelling]` with standard deviations."""
     manoeuvre: bool
     """Whether Holdfast itself moved it: the delay is then that of its link, too, and in no file."""
+
+    @property
+    def theta(self) -> Array:
+        """The shared parameters, and the first table's own."""
+        return np.asarray(self.thetas[0])
 
     def sum_of(self, *numbers: int) -> tuple[float, float]:
         """Return a sum of parameters and its standard deviation: known better than its parts."""
@@ -103,18 +86,26 @@ class Fit:
     def damping_at(self, axis: int, speed: float | None = None) -> tuple[float, float]:
         """Return the damping at a speed, RMS if none is given, and its standard deviation."""
         speed = self.speeds[axis] if speed is None else speed
-        return self._weighted({LINEAR + axis: speed, QUADRATIC + axis: speed**2})
+        return self._weighted({model.LINEAR + axis: speed, model.QUADRATIC + axis: speed**2})
 
     def known(self, axis: int) -> bool:
         """Tell whether the inertia of an axis is known."""
         trusted = TRUSTED_OF_MANOEUVRE if self.manoeuvre else TRUSTED
-        sure = self.sigma[MASS + axis] < trusted * self.theta[MASS + axis]
+        sure = self.sigma[model.MASS + axis] < trusted * self.theta[model.MASS + axis]
         return bool(sure and self.unexplained[axis] < MAX_UNEXPLAINED)
+
+    def taken(self, axis: int) -> bool:
+        """Tell whether an axis is written: known, or at least found and predicted better than by the base."""
+        found = self.axes[axis] and model.MASS + axis not in self.at_bound
+        better = self.unexplained[axis] < MUCH * self.unexplained_before[axis]
+        return self.known(axis) or bool(found and better)
 
     def apart(self, axis: int) -> bool:
         """Tell whether inertia and damping of an axis can be told apart."""
         drag, doubt = self.damping_at(axis)
-        return bool(self.sigma[MASS + axis] < APART * self.theta[MASS + axis] and doubt < APART * drag)
+        return bool(
+            self.sigma[model.MASS + axis] < APART * self.theta[model.MASS + axis] and doubt < APART * drag
+        )
 
     def _weighted(self, weights: dict[int, float]) -> tuple[float, float]:
         row = np.zeros(self.theta.size)
@@ -140,53 +131,78 @@ def fit(
     Raises NoDiveError where no axis was measured and moved.
 
     """
-    moving = moved(tracks)
+    moving = model.moved(tracks)
     if excited is not None:
         moving &= np.isin(np.arange(len(AXES)), excited)
     axes = moving[-1]
     if not axes.any():
         raise NoDiveError("no axis was measured while it moved: nothing can be found")
-    free = _free(axes, manoeuvre=excited is not None)
-    changes = np.concatenate([track.changes for track in tracks])
-    norms = np.where(moving, np.sqrt(np.maximum(np.nansum(changes**2, axis=0), 1e-12)), np.inf)
+    shared, own = _shared(axes, manoeuvre=excited is not None), model.forces(axes)
+    least, most = model.LEAST.copy(), model.MOST.copy()
+    for number, bounds in EXACT.items() if excited is not None else ():
+        least[number], most[number] = bounds
 
-    def residuals(theta: Array) -> Array:
-        predicted = np.concatenate([track.predicted(theta) for track in tracks])
-        return np.asarray(np.nan_to_num((predicted - changes) / norms).ravel())
+    def bounds_at(theta: Array) -> Bounds:
+        """Let no inertia change much at once."""
+        low, high = least.copy(), most.copy()
+        low[:4] = np.maximum(least[:4], 0.4 * theta[0, :4])
+        high[:4] = np.minimum(most[:4], 2.5 * theta[0, :4])
+        return low, high
 
-    theta = min(_starts(parameters(base)), key=lambda start: float(np.sum(residuals(start) ** 2)))
-    found = least_squares(residuals, theta, free, STEPS, _bounds_at, progress)
-    block = [1e6 * k + track.table.t_s[track.first] // BLOCK_S for k, track in enumerate(tracks)]
-    covariance, sigma = np.zeros((theta.size, theta.size)), np.full(theta.size, np.nan)
-    covariance[np.ix_(free, free)] = sandwich(found, np.concatenate(block))
-    sigma[free] = np.sqrt(np.diag(covariance)[free])
-    velocities = np.concatenate([track.table.velocity[:, BODY] for track in tracks])
+    thinned = [Track(track.table, track.frame, model.EVERY) for track in tracks]
+    parts = model.residuals(thinned, moving)
+    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
+    theta = min(starts, key=lambda start: sum(float(np.sum(part(start) ** 2)) for part in parts))
+    found = least_squares(parts, theta, (shared, own), model.STEPS, bounds_at, progress, model.PULL)
+    theta = found.theta
+    numbers = [*shared, *own]
+    covariance, sigma = np.zeros((model.LEAST.size, model.LEAST.size)), np.full(model.LEAST.size, np.nan)
+    covariance[np.ix_(numbers, numbers)] = _covariance(found, thinned)
+    sigma[numbers] = np.sqrt(np.diag(covariance)[numbers])
+    bound = (theta <= least + 1e-4) | (theta >= most - 1e-4)
+    velocities = np.concatenate([track.table.velocity[:, model.BODY] for track in tracks])
     speeds = np.sqrt(np.nansum(velocities**2, axis=0) / np.maximum(np.isfinite(velocities).sum(axis=0), 1))
-    rest = [score(tracks, found.theta, HORIZONS_S[-1])[name] for name in AXES]
+    before = [track.settled(parameters(base)) for track in tracks]
     return Fit(
-        theta=found.theta,
+        tables=tuple(track.table.name for track in tracks),
+        thetas=theta,
         sigma=sigma,
         covariance=covariance,
+        at_bound=tuple(i for i in numbers if bound[:, i].any()),
         axes=tuple(axes.tolist()),
         speeds=tuple(speeds.tolist()),
-        unexplained=tuple(1.0 if value is None else value for value in rest),
-        tilt=tilt.fit(tracks, found.theta),
+        unexplained=tuple(model.unexplained(tracks, theta)[-1].tolist()),
+        unexplained_before=tuple(model.unexplained(tracks, before)[-1].tolist()),
+        tilt=tilt.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
 
 
+def _covariance(found: Found, tracks: Sequence[Track]) -> Array:
+    """Return the covariance of the shared parameters and of the first table's own."""
+    places, covariances = found.columns[0], list[Array]()
+    for block_s in BLOCKS_S:
+        blocks = [1e6 * k + track.table.t_s[track.first] // block_s for k, track in enumerate(tracks)]
+        if not covariances or sum(np.unique(block).size for block in blocks) >= MIN_BLOCKS:
+            covariances.append(jackknife(found, blocks)[np.ix_(places, places)])
+    variances = np.array([np.diag(covariance) for covariance in covariances])
+    larger = np.sqrt(variances.max(axis=0) / np.maximum(variances[0], 1e-300))
+    return np.asarray(covariances[0] * np.outer(larger, larger))
+
+
 def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]:
-    """Return `base` with what was found, and notes behind the keys."""
+    """Return `base` with what was found, and notes behind the keys.
+
+    Lag, start and what couples the axes come from the fit that gave the inertia, however well they are known.
+    """
     table: dict[str, Any] = msgspec.to_builtins(base)
     notes: dict[str, str] = {}
-    some = any(map(found.known, range(len(AXES))))
-    for i, (section, key) in enumerate(KEYS):
+    for i, (section, key) in enumerate(model.KEYS):
         value, sigma = float(found.theta[i]), float(found.sigma[i])
-        if i == DELAY:
-            value = max(value, 0.0)  # a log's stamps are true to a tick
-        if math.isnan(sigma) or (found.manoeuvre and i == DELAY):
+        axes = [AXES.index(section)] if section in AXES else range(len(AXES))
+        if math.isnan(sigma):
             notes[f"{section}.{key}"] = "not identified"
-        elif found.known(AXES.index(section)) if section in AXES else some and sigma < MAX_DOUBTS[i]:
+        elif any(map(found.taken, axes)):
             table[section][key] = float(f"{value:.4g}")
             notes[f"{section}.{key}"] = f"sd {sigma:.2g}"
         else:
@@ -210,14 +226,14 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
             continue
         speed, unit = found.speeds[axis], "rad/s" if name == "yaw" else "m/s"
         drag, doubt = found.damping_at(axis)
-        believed = before[LINEAR + axis] * speed + before[QUADRATIC + axis] * speed**2
+        believed = before[model.LINEAR + axis] * speed + before[model.QUADRATIC + axis] * speed**2
+        inertia, sigma = found.sum_of(model.MASS + axis)
         text = (
-            f"{name}: inertia {found.theta[MASS + axis]:.3g} (sd {found.sigma[MASS + axis]:.2g}, before "
-            f"{before[MASS + axis]:.3g}), damping at {speed:.2f} {unit} {drag:.3g} (sd {doubt:.2g}, before "
-            f"{believed:.3g})"
+            f"{name}: inertia {inertia:.3g} (sd {sigma:.2g}, before {before[model.MASS + axis]:.3g}), "
+            f"damping at {speed:.2f} {unit} {drag:.3g} (sd {doubt:.2g}, before {believed:.3g})"
         )
         if found.unexplained[axis] >= MAX_UNEXPLAINED:
-            text += f"; not identified: {found.unexplained[axis]:.0%} of its change is not explained"
+            text += f"; {found.unexplained[axis]:.0%} of its change is not explained"
         elif not found.known(axis) or not found.apart(axis):
             text += f"; inertia and damping cannot be told apart well; {_needs(axis)}"
         elif found.manoeuvre and found.unexplained[axis] > CALM:
@@ -225,15 +241,30 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
                 f"; {found.unexplained[axis]:.1%} of its change is not explained: if there were waves or a "
                 "current, its inertia is found too large"
             )
+        if not found.known(axis):
+            left = f"the base leaves {found.unexplained_before[axis]:.1%} of its change"
+            text += f"; taken all the same: {left}" if found.taken(axis) else "; the base's numbers stay"
         yield text
-    lag, start, delay = (1e3 * found.theta[i] for i in (LAG, START, DELAY))
-    late_s, doubt_s = found.sum_of(LAG, START, DELAY)
+    lag, start, delay = (1e3 * found.theta[i] for i in (model.LAG, model.START, model.DELAY))
+    late_s, doubt_s = found.sum_of(model.LAG, model.START, model.DELAY)
     yield (
         f"thrust is late by {1e3 * late_s:.0f} ms from rest (sd {1e3 * doubt_s:.0f}): lag {lag:.0f}, "
         f"start {start:.0f}, delay {delay:.0f} ms, which are known together better than apart"
     )
+    for i in (model.LATER, model.LEVEL_LATER):
+        if found.theta[i]:
+            yield f"{TIMES[i]}: {1e3 * found.theta[i]:.0f} ms (sd {1e3 * found.sigma[i]:.0f})"
+    for name, theta in zip(found.tables, found.thetas, strict=True):
+        pairs = [(axis, theta[model.BIAS + i]) for i, axis in enumerate(AXES) if found.axes[i]]
+        text = ", ".join(f"{axis} {force:.2g} {'N m' if axis == 'yaw' else 'N'}" for axis, force in pairs)
+        yield f"{Path(name).name}: constant force {text}"
+    for i in sorted({*TIMES} & {*found.at_bound}):
+        yield (
+            f"the {TIMES[i]} ends at its bound: the times of commands and measurements do not fit together; "
+            "what was found with them may be wrong by more than its sd"
+        )
     if found.axes[2]:
-        yield f"net buoyancy {-found.theta[WEIGHT]:.2f} N (sd {found.sigma[WEIGHT]:.2g})"
+        yield f"net buoyancy {-found.theta[model.WEIGHT]:.2f} N (sd {found.sigma[model.WEIGHT]:.2g})"
     if not found.tilt:
         yield f"roll and pitch: not identified; {_needs(len(AXES))}"
 
@@ -249,35 +280,26 @@ def _needs(axis: int) -> str:
     )
 
 
-def _free(axes: Array, *, manoeuvre: bool) -> list[int]:
-    """Return which parameters are looked for."""
-    free = [i + axis for i in (MASS, LINEAR, QUADRATIC) for axis in range(len(AXES)) if axes[axis]]
+def _shared(axes: NDArray[np.bool_], *, manoeuvre: bool) -> list[int]:
+    """Return which parameters of the vehicle are looked for."""
+    shared = [
+        i + axis
+        for i in (model.MASS, model.LINEAR, model.QUADRATIC)
+        for axis in range(len(AXES))
+        if axes[axis]
+    ]
     if axes[[0, 1, 3]].all():
-        free.append(CORIOLIS)
+        shared.append(model.CORIOLIS)
     if axes[[1, 3]].all():
-        free.append(COUPLING)
-    free += [LAG, START, DELAY]
-    if axes[2]:
-        free.append(WEIGHT)
-    if manoeuvre:
-        free.append(DEAD)
-    if manoeuvre and axes[2] and axes[3]:
-        free.append(LATER)
-    if manoeuvre and axes[:2].any() and axes[3]:
-        free.append(LEVEL_LATER)
-    return free
+        shared.append(model.COUPLING)
+    return [*shared, model.LAG, model.START, *model.times(axes), *([model.DEAD] if manoeuvre else [])]
 
 
 def _starts(base: Array) -> Iterator[Array]:
-    """Give parameters to begin with: vehicles slower and quicker than `base`."""
+    """Give parameters to begin with: slower and quicker than `base`, commands stamped late or not."""
     for size in START_SIZES:
-        theta = base.copy()
-        theta[MASS : MASS + 4] *= size
-        theta[[LAG, START, DELAY]] = START_LAG_S, START_START_S, START_DELAY_S
-        yield np.clip(theta, LEAST, MOST)
-
-
-def _bounds_at(theta: Array) -> Bounds:
-    least, most = LEAST.copy(), MOST.copy()
-    least[:4], most[:4] = np.maximum(LEAST[:4], 0.4 * theta[:4]), np.minimum(MOST[:4], 2.5 * theta[:4])
-    return least, most
+        for delay_s in model.START_DELAYS_S:
+            theta = base.copy()
+            theta[model.MASS : model.MASS + 4] *= size
+            theta[[model.LAG, model.START, model.DELAY]] = START_LAG_S, START_START_S, delay_s
+            yield theta

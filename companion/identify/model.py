@@ -1,9 +1,9 @@
 """The model of the vehicle's file, followed along a table: what it predicts from each moment on. No files.
 
-    m_u u' = X + c m_v r v − d1_u u − d2_u |u| u
-    m_v v' = Y − c m_u r u − d1_v v − d2_v |v| v
-    m_w w' = Z + b − d1_w w − d2_w |w| w
-    I r'   = N + n v − d1_r r − d2_r |r| r
+    m_u u' = X + b_u + c m_v r v − d1_u u − d2_u |u| u
+    m_v v' = Y + b_v − c m_u r u − d1_v v − d2_v |v| v
+    m_w w' = Z + b_w − d1_w w − d2_w |w| w
+    I r'   = N + b_r + n v − d1_r r − d2_r |r| r
 
 | symbol     | meaning                                                                    | unit       |
 |------------|----------------------------------------------------------------------------|------------|
@@ -13,17 +13,19 @@
 | d1, d2     | linear and quadratic damping                                               | N/(m/s), … |
 | c          | the share of the Coriolis force that is there                              |            |
 | n          | moment of a speed to the right                                             | N·s        |
-| b          | weight in water less buoyancy; in no file, 0 in a prediction               | N          |
-| s          | how much later than the turn rate's stamp the vertical speed's is          | s          |
+| b          | a constant force: weight less buoyancy, a tether, a current                | N, N·m     |
+| s          | how much later than the turn rate's stamp that of a speed is               | s          |
 | g          | half-width of the thrusters' dead band                                     | µs         |
+
+b, s and the delay belong to a table and stand in no file: `Track.settled` finds them, whatever predicts.
 
 All forces are those of T200 thrusters. Motion tells forces only in proportion to inertia, so thrusters that
 are stronger by a factor make m, d1, d2 and b smaller by that factor: just what the control law needs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
 import msgspec
@@ -33,6 +35,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
+from companion.identify.least_squares import Residuals, least_squares
 from companion.identify.samples import STEP_S, Table
 from companion.records import AXES, Array
 
@@ -46,6 +49,10 @@ BODY: Final = (0, 1, 2, 5)
 MOVED: Final = 0.03
 """m/s or rad/s: an axis whose velocity changes by less (RMS over a window) did not move."""
 MIN_WINDOWS: Final = 5
+EVERY: Final = 3
+"""Of so many windows one is fitted: they overlap, and those between tell little more."""
+MAX_KEPT: Final = 8
+START_DELAYS_S: Final = (-0.25, 0.0)
 LEAD_S: Final = 0.6
 """What was demanded so long before still shows: through lag, start and delay."""
 
@@ -57,19 +64,28 @@ KEYS: Final = (
     ("vehicle", "yaw_per_sway_ns"),
     ("thrusters", "lag_s"),
     ("thrusters", "start_s"),
-    ("thrusters", "delay_s"),
 )
 """Section and key of each parameter."""
-MASS, LINEAR, QUADRATIC, CORIOLIS, COUPLING, LAG, START, DELAY = 0, 4, 8, 12, 13, 14, 15, 16
-WEIGHT, LATER, DEAD, LEVEL_LATER = 17, 18, 19, 20
-"""Behind those of KEYS: b, s, g, and s of the horizontal speed."""
+MASS, LINEAR, QUADRATIC, CORIOLIS, COUPLING, LAG, START = 0, 4, 8, 12, 13, 14, 15
+DELAY, BIAS, WEIGHT, LATER, DEAD, LEVEL_LATER = 16, 17, 19, 21, 22, 23
+"""Behind KEYS: delay, b by axis (WEIGHT is heave's), s of the vertical speed, g, s of the horizontal."""
+SMALL: Final = (*[0.3] * 3, 0.003)
+LEAST: Final = np.array(
+    (*[1.0] * 3, 0.02, *[0.0] * 9, -8.0, 0.02, 0.0, -0.5, *[-100.0] * 3, -10.0, -0.5, 5.0, -0.5)
+)
+MOST: Final = np.array((*[1e3] * 3, 1e2, *[3e2] * 3, 30.0, *[1e3] * 3, 30.0, 1.0, 8.0, 1.0, *[0.5] * 9))
+MOST[[*range(BIAS, BIAS + 4), DEAD]] = 100.0, 100.0, 100.0, 10.0, 55.0
+STEPS: Final = np.array((*SMALL * 3, 0.01, 0.01, *[0.001] * 3, *[0.01] * 3, *[0.001] * 2, 0.3, 0.001))
+"""The least and the largest value of each parameter, and a small change of it, for the slope."""
+PULL: Final = np.where(np.isin(np.arange(LEAST.size), (LATER, LEVEL_LATER)), 0.5, 0.0)
+"""A lateness of 0.1 s has to explain 0.25 % of an axis' change: where little moved it is taken for none."""
 DEAD_BAND_US: Final = 28.0
 
 
 def parameters(vehicle: VehicleFile) -> Array:
     """Return a vehicle's parameters in the order of KEYS, and behind them those that are in no file."""
     table = msgspec.to_builtins(vehicle)
-    return np.array([*(table[section][key] for section, key in KEYS), 0.0, 0.0, DEAD_BAND_US, 0.0])
+    return np.array([*(table[section][key] for section, key in KEYS), *[0.0] * 6, DEAD_BAND_US, 0.0])
 
 
 @dataclass(frozen=True)
@@ -78,12 +94,15 @@ class Track:
 
     table: Table
     frame: str
-    _wrenches: dict[tuple[float, ...], Array] = field(default_factory=dict, init=False, repr=False)
+    every: int = 1
+    """Of so many windows one is used."""
+    _wrenches: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False, repr=False)
+    _settled: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def first(self) -> NDArray[np.int64]:
         """The rows where a window of the shortest horizon begins: measured all along, and level."""
-        return np.flatnonzero(self._whole(HORIZONS_S[0]))
+        return np.flatnonzero(self._whole(HORIZONS_S[0]))[:: self.every]
 
     @cached_property
     def changes(self) -> Array:
@@ -135,18 +154,27 @@ class Track:
         later by the delay, through a first-order lag. Each tick's mean is exact: a command arrives
         within a tick, and a tick is as long as some delays.
         """
-        timing = tuple(theta[[LAG, START, DELAY, DEAD, LATER, LEVEL_LATER]].tolist())
-        if timing not in self._wrenches:  # most steps of a fit change other parameters
-            self._wrenches.clear()
-            self._wrenches[timing] = self._wrench(*timing)
-        return self._wrenches[timing]
+        late, drive = theta[[LAG, LATER, LEVEL_LATER]].tolist(), theta[[START, DELAY, DEAD]].tolist()
+        return self._once(self._wrench, *late, *drive)
 
-    def _wrench(
-        self, lag_s: float, start_s: float, delay_s: float, dead_band_us: float, down_s: float, level_s: float
-    ) -> Array:
+    def _once(self, function: Callable[..., Array], *values: float) -> Array:
+        """Return a function's value, found once: most steps of a fit change other parameters."""
+        key = function.__name__, values
+        if key not in self._wrenches:
+            if len(self._wrenches) > MAX_KEPT:
+                self._wrenches.clear()
+            self._wrenches[key] = function(*values)
+        return self._wrenches[key]
+
+    def _driven(self, start_s: float, delay_s: float, dead_band_us: float) -> Array:
+        """Return the mean wrench without lag."""
         ends_s = TICK_S * np.arange(TICKS * self.table.t_s.size + 1.0)
         asked = _means(self.table.command_s, self.pushes(dead_band_us), start_s, ends_s - delay_s)
-        wrench = (asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON)
+        return np.asarray((asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON))
+
+    def _wrench(self, lag_s: float, down_s: float, level_s: float, *drive: float) -> Array:
+        wrench = self._once(self._driven, *drive).copy()
+        ends_s = TICK_S * np.arange(len(wrench) + 1.0)
         for axis, later_s in enumerate((level_s, level_s, down_s)):
             if later_s:
                 impulse = np.concatenate(((0.0,), np.cumsum(wrench[:, axis])))
@@ -162,22 +190,39 @@ class Track:
         wrench = self.wrench(theta)[:, :4].T
         inertia, linear, quadratic = (theta[i : i + 4, None] for i in (MASS, LINEAR, QUADRATIC))
         start = np.nan_to_num(self.table.velocity[self.first][:, BODY]).T
-        begin, last = TICKS * self.first, wrench.shape[1] - 1
-        per_tick, half = inertia / TICK_S, 0.5 * linear
+        ends = [round(horizon_s / TICK_S) for horizon_s in HORIZONS_S]
+        at = np.minimum(TICKS * self.first + np.arange(ends[-1])[:, None], wrench.shape[1] - 1)
+        forces = wrench[:, at] + theta[BIAS : BIAS + 4, None, None]
+        keeps, loses = inertia / TICK_S - 0.5 * linear, inertia / TICK_S + 0.5 * linear
+        forward, right = theta[CORIOLIS] * theta[MASS + 1], theta[CORIOLIS] * theta[MASS]
         velocity, changes = start, []
-        for tick in range(round(HORIZONS_S[-1] / TICK_S)):
-            force = wrench[:, np.minimum(begin + tick, last)]
+        for tick in range(ends[-1]):
+            force = forces[:, tick]
             u, v, _, r = velocity
-            force[0] += theta[CORIOLIS] * theta[MASS + 1] * r * v
-            force[1] -= theta[CORIOLIS] * theta[MASS] * r * u
-            force[2] += theta[WEIGHT]
+            force[0] += forward * r * v
+            force[1] -= right * r * u
             force[3] += theta[COUPLING] * v
-            velocity = ((per_tick - half) * velocity + force) / (
-                per_tick + half + quadratic * np.abs(velocity)
-            )
-            if any(tick + 1 == round(horizon_s / TICK_S) for horizon_s in HORIZONS_S):
+            velocity = (keeps * velocity + force) / (loses + quadratic * np.abs(velocity))
+            if tick + 1 in ends:
                 changes.append((velocity - start).T)
         return np.stack(changes, axis=1)
+
+    def settled(self, theta: Array) -> Array:
+        """Return parameters of which this table's own, constant force and timing, predict it best."""
+        key = theta.tobytes()
+        if key not in self._settled:
+            thinned = [Track(self.table, self.frame, EVERY)]
+            moving = moved(thinned)
+            (part,) = residuals(thinned, moving)
+            starts = [np.array(theta) for _ in START_DELAYS_S]
+            for start, delay_s in zip(starts, START_DELAYS_S, strict=True):
+                start[DELAY] = delay_s
+            start = min(starts, key=lambda one: float(np.sum(part(one) ** 2)))
+            own = [*forces(moving[-1]), *times(moving[-1])]
+            found = least_squares([part], start, ((), own), STEPS, lambda _: (LEAST, MOST), pull=PULL)
+            self._settled.clear()
+            self._settled[key] = found.theta[0]
+        return self._settled[key]
 
 
 def _means(t_s: Array, pushes: Array, start_s: float, ends_s: Array) -> Array:
@@ -215,18 +260,47 @@ def moved(tracks: Sequence[Track]) -> NDArray[np.bool_]:
     return np.asarray((counts >= MIN_WINDOWS) & (sums > MOVED**2 * np.maximum(counts, 1)))
 
 
+def forces(axes: NDArray[np.bool_]) -> list[int]:
+    """Return which constant forces are found, where these axes moved."""
+    return [BIAS + axis for axis in range(len(AXES)) if axes[axis]]
+
+
+def times(axes: NDArray[np.bool_]) -> list[int]:
+    """Return which of delay and lateness are found, where these axes moved."""
+    later = [LATER] if axes[2] and axes[3] else []
+    return [DELAY, *later, *([LEVEL_LATER] if axes[:2].any() and axes[2:].any() else [])]
+
+
+def residuals(tracks: Sequence[Track], moving: NDArray[np.bool_]) -> list[Residuals]:
+    """Return for each track what its prediction misses, as a share of what all of them change."""
+    changes = np.concatenate([track.changes for track in tracks])
+    norms = np.where(moving, np.sqrt(np.maximum(np.nansum(changes**2, axis=0), 1e-12)), np.inf)
+
+    def part(track: Track, theta: Array) -> Array:
+        return np.asarray(np.nan_to_num((track.predicted(theta) - track.changes) / norms).ravel())
+
+    return [partial(part, track) for track in tracks]
+
+
+def unexplained(tracks: Sequence[Track], thetas: Iterable[Array]) -> Array:
+    """Return 1 − R² of the change of velocity (horizons, 4), NaN where none was measured."""
+    changes = np.concatenate([track.changes for track in tracks])
+    predicted = [track.predicted(theta) for track, theta in zip(tracks, thetas, strict=True)]
+    squares = np.nansum(changes**2, axis=0)
+    squares[squares == 0.0] = np.nan
+    return np.asarray(np.nansum((np.concatenate(predicted) - changes) ** 2, axis=0) / squares)
+
+
 def score(tracks: Sequence[Track], theta: Array, horizon_s: float) -> dict[str, float | int | None]:
     """Return by axis 1 − R² of the change of velocity; None where it did not move. 1: "it stays as it is".
 
-    Sums run over the windows of all `tracks`; `windows` counts them.
+    Sums run over the windows of all `tracks`, each with its own constant force and timing; `windows` counts.
     """
     at = HORIZONS_S.index(horizon_s)
-    changes = np.concatenate([track.changes[:, at] for track in tracks])
-    errors = np.concatenate([track.predicted(theta)[:, at] for track in tracks]) - changes
-    shares = np.nansum(errors**2, axis=0) / np.maximum(np.nansum(changes**2, axis=0), 1e-12)
+    shares = unexplained(tracks, [track.settled(theta) for track in tracks])[at]
     result: dict[str, float | int | None] = {
         name: round(float(share), 4) if moves else None
         for name, share, moves in zip(AXES, shares, moved(tracks)[at], strict=True)
     }
-    result["windows"] = int(np.isfinite(changes).any(axis=1).sum())
+    result["windows"] = sum(int(np.isfinite(track.changes[:, at]).any(axis=1).sum()) for track in tracks)
     return result

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.identify.least_squares import least_squares, sandwich
+from companion.identify.least_squares import jackknife, least_squares
 from companion.identify.model import TICK_S, TICKS, Track
 from companion.identify.samples import STEP_S
 from companion.records import Array
@@ -26,7 +26,7 @@ MAX_SHARE: Final = (0.25, 0.25, 0.4, 0.4, 0.0)
 MAX_LEVER_DOUBT_M = 0.01
 START: Final = np.array((0.8, 0.8, 4.0, 4.0, 0.02, 0.3, 0.3, 0.0, 0.1, 0.1))
 LEAST: Final = np.array((0.02, 0.02, 0.0, 0.0, -1.0, 0.0, 0.0, -50.0, 0.0, 0.0))
-MOST: Final = np.full(START.size, np.inf)
+MOST: Final = np.array((100.0, 100.0, 300.0, 300.0, 1.0, *[np.inf] * 5))
 STEPS: Final = np.array((0.02, 0.02, 0.1, 0.1, 0.002, 0.02, 0.02, 0.1, 0.02, 0.02))
 MIN_WINDOWS = 20
 MIN_CHANGE_RADPS = 0.03
@@ -35,7 +35,7 @@ BLOCK_S = 20.0
 
 
 def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]:
-    """Return what the tables tell of NAMES, with standard deviations; `theta` has the thrusters' lag."""
+    """Return what the tables tell of NAMES, with standard deviations; `theta`, by table, has the lag."""
     firsts = [_first(track) for track in tracks]
     if sum(first.size for first in firsts) < MIN_WINDOWS:
         return {}
@@ -44,7 +44,7 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
     changes = ends - np.concatenate([track.table.velocity[first, 3:5] for track, first in pairs])
     if np.sqrt(np.mean(changes**2, axis=0)).min() < MIN_CHANGE_RADPS:
         return {}
-    wrenches = [track.wrench(theta) for track in tracks]
+    wrenches = [track.wrench(row) for track, row in zip(tracks, theta, strict=True)]
 
     def residuals(values: Array) -> Array:
         predicted = [
@@ -53,13 +53,15 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
         ]
         return np.asarray((np.concatenate(predicted) - ends).ravel())
 
-    found = least_squares(residuals, START, range(START.size), STEPS, lambda _: (LEAST, MOST))
+    found = least_squares([residuals], START, (range(START.size), ()), STEPS, lambda _: (LEAST, MOST))
     block = [1e6 * k + track.table.t_s[first] // BLOCK_S for k, (track, first) in enumerate(pairs)]
-    sigma = np.sqrt(np.diag(sandwich(found, np.concatenate(block))))
+    sigma = np.sqrt(np.diag(jackknife(found, [np.concatenate(block)])))
     return {
         name: (float(value), float(doubt))
-        for name, value, doubt, share in zip(NAMES, found.theta, sigma, MAX_SHARE, strict=False)
-        if doubt < (share * value if share else MAX_LEVER_DOUBT_M)
+        for name, value, doubt, share, most in zip(
+            NAMES, found.theta[0], sigma, MAX_SHARE, MOST, strict=False
+        )
+        if doubt < (share * value if share else MAX_LEVER_DOUBT_M) and value < most
     }
 
 

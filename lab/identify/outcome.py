@@ -33,7 +33,7 @@ def conclude(
         raise RefusedError(f"{', '.join(table.name for table in tables)}: {error}") from error
     vehicle, notes = fit.vehicle(found, base)
     lines = [line for table in tables for line in held(table)] + [*fit.reported(found, base)]
-    if not any(map(found.known, range(len(AXES)))):
+    if not any(map(found.taken, range(len(AXES)))):
         sys.stdout.write("\n".join([*lines, "no inertia is known well enough: nothing was written"]) + "\n")
         return 1
     theta = parameters(vehicle)

@@ -26,7 +26,7 @@ def draw(tracks: Sequence[Track], theta: Array) -> Figure:
         recorded = track.table.velocity[:, BODY[axis]]
         shown = (begin_s <= t_s) & (t_s <= begin_s + SHOWN_S)
         panel.plot(t_s[shown], recorded[shown], color=style.BLACK, linewidth=1.8, label="recorded")
-        predicted = track.predicted(theta)
+        predicted = track.predicted(track.settled(theta))
         for number, colour in enumerate((style.BLUE, style.VERMILLION)):
             horizon_s, whole = HORIZONS_S[number], np.isfinite(track.changes[:, number]).any(axis=1)
             first = track.first[whole]

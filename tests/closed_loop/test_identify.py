@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from virtual import Dive, hold
 
 from companion.config import PRESETS, VehicleFile, load_config, load_vehicle, vehicle_of
-from companion.identify.fit import LEAST, MOST, fit, reported, vehicle
+from companion.identify.fit import fit, reported, vehicle
 from companion.identify.manoeuvre import EXCITATIONS, SETTLE_S, Manoeuvre, pushing, sweeping
-from companion.identify.model import KEYS, MASS, QUADRATIC, START, Track
+from companion.identify.model import KEYS, LAG, LEAST, MASS, MOST, QUADRATIC, START, Track
 from companion.records import PSI, ZERO, Request, State, X, Y, Z
 from holdfast import validation
 from lab.identify.outcome import conclude
@@ -98,18 +98,23 @@ def test_the_file_is_loaded_as_a_vehicle(identified, tmp_path, capsys):
     assert "before 28.5" in out
 
 
-def test_a_mass_in_doubt_is_not_taken(identified):
+def test_a_mass_in_doubt_is_taken_only_where_the_base_predicts_worse(identified):
+    """And what comes of one fit is written together: never the preset's lag with the fit's inertia."""
     found, base = identified.found, vehicle_of(identified.config)
     sigma = found.sigma.copy()
     sigma[MASS + PSI] = 0.2 * found.theta[MASS + PSI]
-    doubtful = type(found)(**{**vars(found), "sigma": sigma})
-    file, notes = vehicle(doubtful, base)
-    assert file.yaw == load_vehicle(PRESETS / "heavy.toml").yaw
-    assert file.heave != base.heave
-    assert notes["yaw.mass"].startswith("not identified; found ")
-    assert "cannot be told apart well" in next(
-        line for line in reported(doubtful, base) if line.startswith("yaw")
-    )
+    sigma[LAG] = 1.0
+    for before, taken in ((1.05 * found.unexplained[PSI], False), (2.0 * found.unexplained[PSI], True)):
+        all_before = (*found.unexplained_before[:3], before)
+        doubtful = type(found)(**{**vars(found), "sigma": sigma, "unexplained_before": all_before})
+        file, notes = vehicle(doubtful, base)
+        assert (file.yaw == load_vehicle(PRESETS / "heavy.toml").yaw) is not taken
+        assert file.heave != base.heave
+        assert file.thrusters.lag_s == pytest.approx(found.theta[LAG], rel=1e-3)
+        assert notes["yaw.mass"].startswith("sd " if taken else "not identified; found ")
+        line = next(line for line in reported(doubtful, base) if line.startswith("yaw"))
+        assert "cannot be told apart well" in line
+        assert ("taken all the same" if taken else "the base's numbers stay") in line
 
 
 @pytest.mark.parametrize(("section", "key"), KEYS)
@@ -119,7 +124,7 @@ def test_what_no_vehicle_has_is_not_found(section, key):
     least, most = validation.bounds(kind) or (math.inf, -math.inf)
     number = KEYS.index((section, key))
     assert MOST[number] <= most
-    assert least <= LEAST[number] or key == "delay_s"  # written as 0 where it is less
+    assert least <= LEAST[number]
 
 
 def test_sweep_and_pushes_begin_and_end_at_rest():

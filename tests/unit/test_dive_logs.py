@@ -319,6 +319,38 @@ def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
     assert max(fitted[axis] or 0.0 for axis in AXES) < 0.02
 
 
+@pytest.fixture(scope="module")
+def base():
+    return load_vehicle(PRESETS / "heavy.toml")
+
+
+FORCE = (6.0, -5.0, -9.0, 0.5)
+
+
+def test_a_log_whose_commands_are_stamped_late_gives_the_vehicle_and_how_late_they_are(base, tmp_path):
+    log = read(write_csv(dive(120.0, force=FORCE), tmp_path / "dive.csv", late_s=0.3), FRAME)
+    found = fit.fit([Track(log, FRAME)], base)
+    assert found.theta[:4] == pytest.approx(MASS, rel=0.05)
+    assert found.theta[DELAY] == pytest.approx(-0.3, abs=0.03)
+    assert found.theta[model.BIAS : model.BIAS + 4] == pytest.approx(FORCE, rel=0.05)
+    file, _ = fit.vehicle(found, base)
+    assert file.thrusters.delay_s == base.thrusters.delay_s
+    assert file.thrusters.lag_s == pytest.approx(found.theta[LAG], rel=1e-3)
+
+
+def test_a_score_finds_each_log_s_constant_force_and_timing(base, tmp_path):
+    found = fit.fit([Track(read(write_csv(dive(60.0), tmp_path / "one.csv"), FRAME), FRAME)], base)
+    other = write_csv(dive(60.0, 2, force=FORCE), tmp_path / "other.csv", late_s=0.2)
+    row = score([Track(read(other, FRAME), FRAME)], parameters(fit.vehicle(found, base)[0]), 2.0)
+    assert max(row[axis] or 0.0 for axis in AXES) < 0.03
+
+
+def test_a_time_that_ends_at_its_bound_is_said(base, tmp_path):
+    log = read(write_csv(dive(60.0), tmp_path / "dive.csv", late_s=0.8), FRAME)
+    said = "\n".join(fit.reported(fit.fit([Track(log, FRAME)], base), base))
+    assert "the delay ends at its bound: the times of commands and measurements do not fit together" in said
+
+
 def test_an_axis_that_did_not_move_keeps_the_base_and_is_named(tmp_path):
     log = read(write_csv(dive(60.0, axes=(2,)), tmp_path / "dive.csv"), FRAME)
     base = load_vehicle(PRESETS / "heavy.toml")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.identify.least_squares import least_squares, sandwich
+from companion.identify.least_squares import jackknife, least_squares
 
 WINDOWS, BLOCK, DRAWS = 600, 20, 150
 
@@ -16,9 +16,9 @@ def error_over_doubt(rng: np.random.Generator, share: float) -> float:
     errors += np.sqrt(1.0 - share) * rng.normal(size=WINDOWS)
     bounds = np.array((-10.0,)), np.array((10.0,))
     found = least_squares(
-        lambda theta: shown * theta[0] - errors, np.zeros(1), [0], np.array((1e-3,)), lambda _: bounds
+        [lambda theta: shown * theta[0] - errors], np.zeros(1), ([0], []), np.array((1e-3,)), lambda _: bounds
     )
-    return float(found.theta[0] / np.sqrt(sandwich(found, block.astype(float))[0, 0]))
+    return float(found.theta[0, 0] / np.sqrt(jackknife(found, [block.astype(float)])[0, 0]))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
