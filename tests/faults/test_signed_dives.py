@@ -46,7 +46,7 @@ def test_without_one_key_nobody_obeys(plant, signing):
     if signing is not None:
         assert dive.step.sample.counters.refused > 100
         assert dive.step.sample.counters.messages == 0
-        assert "signing: no frame" in dive.step.sample.verdict.reason
+        assert "frames of system 1, component 1 that are " in dive.step.sample.verdict.reason
 
 
 def test_a_strangers_unsigned_disarm_and_stick_change_nothing():
