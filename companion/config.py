@@ -329,15 +329,21 @@ class Delays(Section, frozen=True):
 class SupervisorLimits(Section, frozen=True):
     """When to refuse and when to give up."""
 
-    link_timeout_s: Annotated[ranges.Timeout, means("silence of the vehicle")] = 1.0
+    link_timeout_s: Annotated[
+        ranges.Timeout, means("silence, or a tick's lateness, until Holdfast gives up; shorter is ridden out")
+    ] = 1.0
     heartbeat_timeout_s: Annotated[
         ranges.Timeout, means("three lost heartbeats; only they report arming and mode")
     ] = 3.5
-    depth_timeout_s: Annotated[ranges.Timeout, means("largest age of the depth")] = 0.5
-    attitude_timeout_s: Annotated[ranges.Timeout, means("largest age of the attitude")] = 0.5
+    depth_timeout_s: Annotated[ranges.Timeout, means("largest age of the depth; then thrust is neutral")] = (
+        0.5
+    )
+    attitude_timeout_s: Annotated[
+        ranges.Timeout, means("largest age of the attitude; then thrust is neutral")
+    ] = 0.5
     position_timeout_s: Annotated[ranges.Timeout, means("largest age of the position")] = 1.0
     late_tick_s: Annotated[
-        ranges.Timeout, means("Holdfast gives up after a tick that is later than this")
+        ranges.Timeout, means("thrust is neutral after a tick that is later than this")
     ] = 0.3
     ramp_up_s: Annotated[ranges.Ramp, means("from zero to full authority after engaging")] = 1.0
     ramp_down_s: Annotated[ranges.Ramp, means("and back after a release")] = 1.0

@@ -143,7 +143,8 @@ class Engine:
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
         heard = self._autopilot.receive(datagrams)
-        events = self.events = [*heard, *pilot_events(ground, self._autopilot.origin)]
+        pilots, others = self._autopilot.without_others(ground)
+        events = self.events = [*heard, *others, *pilot_events(pilots, self._autopilot.origin)]
         reports = [event for event in events if type(event) not in SAMPLES]
         requests = self._supervision.accepted(requests)
         memory, inputs = self._take(now_s, events, requests)
@@ -316,7 +317,8 @@ class Engine:
 
     def _permit(self, inputs: Inputs, known: Known) -> Permission:
         """Return who may steer."""
-        guidance, now, held = self._guidance, self._now, self.verdict.authority > 0.0
+        guidance, now, last = self._guidance, self._now, self.verdict
+        held = last.authority > 0.0 or last.state is State.ACTIVE
         delivered = self.memory.actuated.delivered
         state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor, delivered)
         self._state, self._delay_s = state, state.delays.total_s

@@ -17,8 +17,17 @@ from companion.control.tilt import (
     YAW_STEEP_RAD,
 )
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, RULES, WARNS
+from companion.supervision.conditions import (
+    BLOCKING,
+    FREEZES,
+    MOST_INTERRUPTED,
+    NOTHING,
+    RULES,
+    SAMPLE_S,
+    WARNS,
+)
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
+from companion.supervision.monitor import RECOVERS_PER_S, STEADY_S
 from companion.supervision.supervisor import transition
 from companion.telemetry.glossary import COURSES, STATES, title
 
@@ -101,11 +110,29 @@ could sink. The neutral frames continue until somebody steers, changes the mode 
 """
 
 
+INTERRUPTIONS = f"""\
+## Short interruptions
+
+While ACTIVE, thrust is neutral as soon as depth or attitude is older than its timeout, or a tick was later
+than `late_tick_s` (INTERRUPTED). Setpoint, path and held axes stay. When telemetry and ticks are back,
+Holdfast engages again from where the vehicle is, and goes on; what the compensator learnt is forgotten.
+UNSTEADY says so once, until nothing has paused for {STEADY_S:g} s.
+
+LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE then hold from `link_timeout_s` on (depth and attitude
+{SAMPLE_S:g} s later, a sample of a slow source), and at their own timeouts where interruptions add up to
+{MOST_INTERRUPTED:g} times `link_timeout_s`; a second without one takes off {RECOVERS_PER_S:g} s.
+
+Meanwhile a vehicle of which telemetry alone is silent gets our neutral frames: it drifts, rises or sinks.
+Where our commands do not reach it, or this process pauses, it **keeps the last command**: the pilot-input
+failsafe alone stops it, after FS_PILOT_TIMEOUT (3 s); RC_OVERRIDE_TIME does so only with an RC receiver.
+"""
+
+
 def page() -> str:
     """Return the whole page."""
     limits = load_config().supervisor
     parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(limits)]
-    return "\n".join([*parts, TILT, HAND_OVER])
+    return "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER])
 
 
 def _states() -> Iterator[str]:
@@ -157,6 +184,8 @@ def _cell(state: State, condition: Condition) -> str:
         return str(row.to)
     if state is State.IDLE and condition & BLOCKING:
         return "no engaging"
+    if state is State.ACTIVE and condition is Condition.INTERRUPTED:
+        return "neutral until it ends"
     if state is State.ACTIVE and condition & WARNS:
         return "warns, freezes learning" if condition & FREEZES else "warns"
     return ""

@@ -114,6 +114,8 @@ class Tap:
         self.after = lambda out, sample: None
         """Called after each tick, with what the engine sent."""
         self.asleep_until_s = 0.0
+        self.mute_until_s = 0.0
+        """Until then nothing that is sent arrives."""
         self.frames = []
         self.history = []
         self._inbox, self._requests, self._sample = [], [], None
@@ -147,7 +149,7 @@ class Tap:
         self.history.append((t_s, sample.verdict.state))
         self.promises.hold(t_s, out, sample, requests, steers=self.engine.steering)
         self.frames += [(t_s, axes) for axes in self.promises.frames]
-        return passed + out + extra, sample
+        return [] if t_s < self.mute_until_s else passed + out + extra, sample
 
 
 class Dive:

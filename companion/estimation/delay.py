@@ -18,6 +18,9 @@ from companion.records import ZERO, Delays, Vector
 
 TELEMETRY_MEMORY_S = 1.0
 MAX_DELAY_S = 1.0
+PAUSE_S = 0.1
+"""What comes first after a longer pause was late with it: it counts for so long, and not for the pause."""
+
 COMMANDS = 128
 """So many of the last are compared with what the motors did: 2.5 s of them at 50 Hz."""
 
@@ -63,7 +66,7 @@ class DelayMeter:
         if self._telemetry_t_s is None:
             self.telemetry_s = late_s
         else:
-            passed_s = max(arrived_s - self._telemetry_t_s, 0.0)
+            passed_s = clamped(arrived_s - self._telemetry_t_s, 0.0, PAUSE_S)
             self.telemetry_s += (late_s - self.telemetry_s) * passed_s / (passed_s + TELEMETRY_MEMORY_S)
         self._telemetry_t_s = arrived_s
 

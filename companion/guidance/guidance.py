@@ -40,6 +40,7 @@ from companion.records import (
     ZERO,
     Angles,
     AttitudeTarget,
+    Condition,
     Event,
     Flags,
     Ground,
@@ -85,6 +86,8 @@ class Guidance:
         """Until then the target moves on by its own rate, which the ground station gave it."""
         self._interrupted: Course | None = None
         """The path that a place or a move has replaced: `resume` takes it up again."""
+        self._waits = False
+        """Whether an interruption is ridden out: nothing of what is wanted changes."""
         self._frame = Frame()
         self._datum = Datum()
         """What places count from."""
@@ -263,8 +266,13 @@ class Guidance:
         if frame.settled != self._frame.settled:
             target.translate_asked(self.engaged, frame.settled)
         self._frame = frame
+        waits, self._waits = self._waits, False
         if verdict.authority == 0.0:
             self._references.clear()
+            if Condition.INTERRUPTED in verdict.conditions and (waits or previous.authority > 0.0):
+                self._waits = verdict.state is State.ACTIVE
+            if self._waits:
+                return None
             held.rest()
             target.now = Setpoint(state.eta_ahead)
             if previous.authority > 0.0:
@@ -278,6 +286,9 @@ class Guidance:
                 self._altitude = None
                 if self._course is not None and not self._course.is_unfinished:
                     self._course = None
+            return None
+        if waits:
+            target.start = Setpoint(state.eta)
             return None
         if not previous.authority > 0.0:
             held.engage(self.holdable(state))

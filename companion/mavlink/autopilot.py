@@ -7,9 +7,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import FRAMES, manual_control_reach, quantise, stick_demand, unmirrored
-from companion.mavlink.codec import Codec, Packer
+from companion.mavlink.codec import STEERING, Codec, Packer
 from companion.mavlink.decode import Decoder
-from companion.mavlink.encode import Commands
+from companion.mavlink.encode import Commands, clock_mark
+from companion.mavlink.frames import frame_at
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.heard import Heard
 from companion.mavlink.link_maintenance import LinkMaintenance
@@ -24,6 +25,7 @@ from companion.records import (
     Flags,
     GlobalOrigin,
     LinkCounters,
+    OtherHoldfast,
     PilotSticks,
     Sender,
     ServoOutput,
@@ -40,7 +42,8 @@ class Autopilot:
     def __init__(self, config: Config, signing: Signing | None = None) -> None:
         link, vehicle = config.link, config.vehicle
         counters = LinkCounters()
-        self._commands = Commands(link.vehicle_system, link.vehicle_component)
+        mark = clock_mark(link.system, link.component)
+        self._commands = Commands(link.vehicle_system, link.vehicle_component, mark)
         self._rates_hz = streams(vehicle.depth_source)
         self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
         self._decoder = Decoder(
@@ -61,11 +64,11 @@ class Autopilot:
             signing=signing,
             heard=self.heard,
         )
-        self._onboard = Packer(link.vehicle_system, link.component, signing)
-        behind_us = config.ground_station.endpoint
-        self._display = Packer(link.vehicle_system, link.component, signing) if behind_us else self._onboard
+        onboard = (link.vehicle_system, link.component, signing, self._codec.sent)
+        self._onboard = Packer(*onboard)
+        self._display = Packer(*onboard) if config.ground_station.endpoint else self._onboard
         """For the pilot's link; without one these go with our heartbeat over the vehicle's."""
-        self._hello = Packer(link.vehicle_system, link.component, signing)
+        self._hello = Packer(*onboard)
         """A packer of its own: it must not shift the sequence numbers of what the ticks send."""
         self._signing = signing
         self._freshness = Freshness()
@@ -90,9 +93,27 @@ class Autopilot:
             for message in self._codec.decode(t_s, data):
                 self._maintenance.heard(message.MESSAGE_ID)
                 events.extend(self._freshness.drop_stale(self._decoder.to_events(message, t_s)))
+            events.extend(OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
         return [
             unmirrored(event, self.parameters) if type(event) is ServoOutput else event for event in events
         ]
+
+    def without_others(
+        self, ground: Sequence[tuple[int, bytes]]
+    ) -> tuple[list[tuple[int, bytes]], list[Event]]:
+        """Return the pilot's of the frames that came over the ground station's link, and what is not his.
+
+        With our ids they are another Holdfast's, or our own that come back.
+        """
+        pilots: list[tuple[int, bytes]] = []
+        events: list[Event] = []
+        for t_ns, data in ground:
+            frame, t_s = frame_at(data, 0)[1] if data else None, t_ns / NS_PER_S
+            if frame is None or (frame.system, frame.component) not in self._codec.ours:
+                pilots.append((t_ns, data))
+            elif self._codec.is_others(t_s, frame, data):
+                events.append(OtherHoldfast(t_s, frame.id in STEERING))
+        return pilots, events
 
     def upkeep(
         self,
@@ -108,6 +129,7 @@ class Autopilot:
         The parameters in `confirm` are read again at once.
         """
         self.heard.now_s = now_s
+        self._codec.sent.advance(now_s)
         if self._signing is not None:
             self._signing.advance(now_s)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)

@@ -1,30 +1,76 @@
 """Bytes to MAVLink 2 messages and back, without I/O."""
 
+import math
 import struct
+from collections import deque
 from collections.abc import Container
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
+from companion.mavlink.encode import MARKS, clock_mark
 from companion.mavlink.frames import MARKER, SIGNED, Frame, Splitter, leading_frames
 from companion.mavlink.heard import OLD, OTHER_KEY, UNSIGNED, Heard
 from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, pack
 from companion.mavlink.signing import Signing
 from companion.records import LinkCounters, Sender
 
-_STEERING: Final = frozenset(
+STEERING: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 )
 _HEADER: Final = struct.Struct("<BBBBBBBHB")
 """Marker, payload's bytes, flags, flags, sequence number, system, component, 16 and 8 bits of message id."""
 
 
+ECHO_S: Final = 2.0
+"""So long after a frame was sent a router may bring it back."""
+
+TWICE_S: Final = 1.0
+"""Two answers that we did not ask for within this time are another Holdfast's; one may be a coincidence."""
+
+
+class Sent:
+    """What this process sent of late: what else comes with its ids is of another Holdfast."""
+
+    def __init__(self) -> None:
+        self._frames: dict[bytes, float] = {}
+        self._asked: deque[int] = deque(maxlen=64)
+        self._now_s, self._unasked_s = 0.0, -math.inf
+
+    def advance(self, now_s: float) -> None:
+        """Forget what was sent more than ECHO_S ago."""
+        self._now_s = now_s
+        while self._frames and next(iter(self._frames.values())) < now_s - ECHO_S:
+            del self._frames[next(iter(self._frames))]
+
+    def add(self, frame: bytes, message: Message) -> None:
+        """Take what is sent now."""
+        self._frames.pop(frame, None)
+        self._frames[frame] = self._now_s
+        if message.MESSAGE_ID == mavlink.MAVLINK_MSG_ID_TIMESYNC:
+            self._asked.append(message.ts1)
+
+    def has(self, frame: bytes) -> bool:
+        """Tell whether a frame is one of these."""
+        return frame in self._frames
+
+    def answers_another(self, message: Message, mark: int, t_s: float) -> bool:
+        """Tell whether a TIMESYNC answers what another with our `mark` asked."""
+        if message.tc1 == 0 or message.ts1 % MARKS != mark or message.ts1 in self._asked:
+            return False
+        last_s, self._unasked_s = self._unasked_s, t_s
+        return 0.0 <= t_s - last_s <= TWICE_S
+
+
 class Packer:
     """Packs one sender's messages with its sequence numbers, signed where there is a key."""
 
-    def __init__(self, system: int, component: int, signing: Signing | None = None) -> None:
+    def __init__(
+        self, system: int, component: int, signing: Signing | None = None, sent: Sent | None = None
+    ) -> None:
         self._sender = (system, component)
+        self._sent = sent or Sent()
         self._signing = signing
         self._sequence = 0
 
@@ -37,7 +83,10 @@ class Packer:
         self._sequence = (self._sequence + 1) & 0xFF
         frame = header + payload
         frame += checksum(frame[1:], message_id).to_bytes(CHECKSUM_BYTES, "little")
-        return frame if self._signing is None else self._signing.signed(frame)
+        if self._signing is not None:
+            frame = self._signing.signed(frame)
+        self._sent.add(frame, message)
+        return frame
 
 
 class Codec:
@@ -71,10 +120,15 @@ class Codec:
     ) -> None:
         self.heard = heard or Heard(LinkSection())
         self.counters = counters or LinkCounters()
-        self.encode = Packer(source_system, source_component, signing).encode
+        self.sent = Sent()
+        self.encode = Packer(source_system, source_component, signing, self.sent).encode
+        self.others: list[Frame] = []
+        """What another Holdfast with our ids said, or was answered, in the last datagram."""
         self._signing = signing
         self._source = (source_system, source_component)
         self._target = (target_system, target_component)
+        self.ours = frozenset({self._source, (target_system, source_component)})
+        self._mark = clock_mark(source_system, source_component)
         self._stream = stream
         self._wanted = wanted
         self.splitter = Splitter(stream, version_1=False)
@@ -83,11 +137,14 @@ class Codec:
     def decode(self, t_s: float, data: bytes) -> list[Message]:
         """Give the vehicle's messages in `data`, which came at `t_s`. Never raises: see `counters`."""
         self.counters.datagrams += 1
+        self.others = []
         if not self._stream:
             self._in_junk = False
         messages: list[Message] = []
         for frame, piece in self.splitter.cut(t_s, data):
             if frame is not None:
+                if self.is_others(t_s, frame, piece):
+                    self.others.append(frame)
                 self._open(frame, piece, messages)
             else:
                 self.counters.garbage += not self._in_junk
@@ -121,10 +178,25 @@ class Codec:
         old = self._signing is not None and self._signing.sender(piece) is Sender.BEHIND
         self.heard.frame(frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
 
+    def is_others(self, t_s: float, frame: Frame, piece: bytes) -> bool:
+        """Tell whether a frame is another Holdfast's with our ids, or the vehicle's answer to one.
+
+        Our own frames come back from some routers. Others pass no frame on to where the same ids are; the
+        answers to what it asks come everywhere.
+        """
+        sender = (frame.system, frame.component)
+        if sender in self.ours:
+            if frame.version != 2 or self.sent.has(piece):
+                return False
+            return self._signing is None or self._signing.accepts(piece)
+        if sender != self._target or frame.id != mavlink.MAVLINK_MSG_ID_TIMESYNC:
+            return False
+        return self.sent.answers_another(frame.message(), self._mark, t_s)
+
     def _is_for_us(self, frame: Frame) -> bool:
         """Tell whether a frame of another sender is steering, or a ground station's command to us."""
         if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != self._source[0]:
-            return frame.id in _STEERING
+            return frame.id in STEERING
         message = frame.message()
         return (message.target_system, message.target_component) == (self._target[0], self._source[1])
 

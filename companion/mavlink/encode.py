@@ -20,14 +20,22 @@ SET_GPS_GLOBAL_ORIGIN: Final = message_type(mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBA
 TIMESYNC: Final = message_type(mavlink.MAVLINK_MSG_ID_TIMESYNC)
 PARAM_REQUEST_READ: Final = message_type(mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ)
 MAVLINK_VERSION: Final = 3
+MARKS: Final = 1000
+"""What is below a microsecond in our TIMESYNC tells whose question it is, as ArduSub does in its own."""
+
+
+def clock_mark(system: int, component: int) -> int:
+    """Return what the questions of these ids carry."""
+    return (256 * system + component) % MARKS
 
 
 class Commands:
     """Builds the messages for one vehicle."""
 
-    def __init__(self, target_system: int = 1, target_component: int = 1) -> None:
+    def __init__(self, target_system: int = 1, target_component: int = 1, mark: int = 0) -> None:
         self._system = target_system
         self._component = target_component
+        self._mark = mark
 
     def heartbeat(self) -> Message:
         """Our own sign of life, as an onboard controller."""
@@ -115,7 +123,7 @@ class Commands:
 
     def timesync(self, now_s: float) -> Message:
         """Ask for the autopilot's clock; the answer carries our `now_s` back."""
-        return TIMESYNC(ts1=round(now_s * 1e9))
+        return TIMESYNC(ts1=round(now_s * 1e6) * MARKS + self._mark)
 
     def read_parameter(self, name: str) -> Message:
         """Ask for a parameter's value; `name` has at most 16 ASCII characters."""

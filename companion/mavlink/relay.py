@@ -73,7 +73,8 @@ class Relay:
         self.withhold = False
         self.left_out = 0
         """Bytes of floods."""
-        self._link = config.link
+        self._link = link = config.link
+        self._ours = {(link.system, link.component), (link.vehicle_system, link.component)}
         self._signing = signing
         self._up, self._down = (Splitter(end.is_stream, version_1=True) for end in (vehicle, ground))
         self._reframes_up = vehicle.is_stream and not ground.is_stream
@@ -131,7 +132,8 @@ class Relay:
     def _withholds(self, t_ns: int, frame: Frame, data: bytes) -> bool:
         """Keep the pilot's heartbeat, steering and commands for the engine; tell if it alone gets it."""
         steering, commands = self._is_steering(frame), self._commands_us(frame)
-        if (steering or commands or self._is_beacon(frame)) and self._believed(frame, data):
+        ours = (frame.system, frame.component) in self._ours
+        if (steering or commands or ours or self._is_beacon(frame)) and self._believed(frame, data):
             self._heard.append((t_ns, data))
         return commands or (steering and self.withhold)
 

@@ -40,6 +40,7 @@ from companion.records.events import (
     Heartbeat,
     Leak,
     LinkCounters,
+    OtherHoldfast,
     Parameter,
     PilotAction,
     PilotCommand,

@@ -55,6 +55,36 @@ class Condition(IntFlag):
         "a tick of this process",
         "reduce the load of this computer",
     )
+    OTHER_FIRST = (
+        "another Holdfast with our ids was here first",
+        "the end of the other Holdfast",
+        "the other Holdfast, which was here first, has gone",
+        "frames of our ids that this process did not send, or answers to such, within 3 s of its contact, or "
+        "some that steer for more than 3 s; of two that came together neither steers",
+        "end one of the two: BlueOS extension, service, or run on another computer",
+    )
+    OTHER_CAME = (
+        "another Holdfast with our ids has come",
+        "being the only Holdfast with our ids",
+        "the other Holdfast, which came later, has gone",
+        "as OTHER FIRST, later after the first contact: the other lets go, and this one goes on",
+        "end one of the two: BlueOS extension, service, or run on another computer",
+    )
+    INTERRUPTED = (
+        "telemetry or a tick is late",
+        "punctual telemetry and ticks",
+        "telemetry and ticks are punctual",
+        "while ACTIVE depth or attitude is too old to steer by, or a tick was too late: thrust is neutral "
+        "([short interruptions](#short-interruptions))",
+        "",
+    )
+    UNSTEADY = (
+        "telemetry or ticks pause at times",
+        "a minute without a pause",
+        "telemetry and ticks have not paused for a minute",
+        "INTERRUPTED less than a minute ago",
+        "check cable and router; reduce the load of this computer",
+    )
     NON_FINITE = (
         "a computed value was not finite",
         "finite values",
@@ -261,7 +291,8 @@ class Condition(IntFlag):
         "a steady clock of the vehicle",
         "the vehicle's clock is steady",
         "a time stamp or an answer to TIMESYNC contradicts the estimated clock offset",
-        "if it continues, look for a second autopilot with this system id",
+        "a simulator does this on a busy computer; if a real vehicle goes on doing it, look for a second "
+        "autopilot with this system id",
     )
     INNOVATION_LARGE = (
         "measurements miss the prediction",

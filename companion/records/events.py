@@ -134,6 +134,12 @@ class GlobalOrigin(Event, frozen=True, gc=False):
         return self.latitude_deg, self.longitude_deg
 
 
+class OtherHoldfast(Event, frozen=True, gc=False):
+    """Another Holdfast with our ids is on the link: a frame that it sent, or an answer to it."""
+
+    steers: bool
+
+
 class PilotInput(Event, frozen=True, gc=False):
     """Somebody else steers this vehicle: largest stick deflection, 0..1."""
 

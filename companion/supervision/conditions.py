@@ -12,7 +12,7 @@ from companion.records import Condition, Request, State, X, Z
 from companion.supervision.handover import HandOverStep
 from companion.supervision.situation import (
     Situation,
-    depth_is_fresh,
+    interrupted,
     pilot_failsafe_acts,
     tilted,
 )
@@ -25,6 +25,13 @@ CLOCK_DOUBT_S = 2.0
 
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
+
+
+SAMPLE_S = 0.1
+"""Between two values of the slowest source of depth: a silence of the link looks longer by so much."""
+
+MOST_INTERRUPTED = 2.0
+"""Interruptions are ridden out until their sum is so many times `link_timeout_s`."""
 
 
 class Rule(NamedTuple):
@@ -40,13 +47,36 @@ class Rule(NamedTuple):
     freezes: bool = False
 
 
+def _bound_s(
+    now: Situation, limits: SupervisorLimits, timeout_s: float, allowed_s: float = SAMPLE_S
+) -> float:
+    """Return from what age of a signal on we give up, whose timeout is given.
+
+    While ACTIVE it is `link_timeout_s`: until then it is INTERRUPTED, unless that was so for too long.
+    """
+    rides_out = now.active and now.watched.interrupted_s <= MOST_INTERRUPTED * limits.link_timeout_s
+    return max(timeout_s, limits.link_timeout_s + allowed_s) if rides_out else timeout_s
+
+
+def _depth_stale(now: Situation, limits: SupervisorLimits) -> bool:
+    return not now.observed.state.ages.depth_s <= _bound_s(now, limits, limits.depth_timeout_s)
+
+
+def _attitude_stale(now: Situation, limits: SupervisorLimits) -> bool:
+    return not now.observed.state.ages.attitude_s <= _bound_s(now, limits, limits.attitude_timeout_s)
+
+
+def _tick_late(now: Situation, limits: SupervisorLimits) -> bool:
+    return not now.observed.dt_s - now.tick_s <= _bound_s(now, limits, limits.late_tick_s, allowed_s=0.0)
+
+
 def _link_lost(now: Situation, limits: SupervisorLimits) -> bool:
-    state, ages = now.observed.state, now.observed.state.ages
+    ages = now.observed.state.ages
     if not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s):
         return True
     # Depth and attitude time out sooner; where nothing else came meanwhile either, the link is the cause. A
     # hand-over needs neither of them, and goes on for the link's own timeout.
-    blind = not (depth_is_fresh(state, limits) and ages.attitude_s <= limits.attitude_timeout_s)
+    blind = _depth_stale(now, limits) or _attitude_stale(now, limits)
     silent_s = 0.5 * min(limits.depth_timeout_s, limits.attitude_timeout_s)
     return blind and now.hand_over is HandOverStep.NONE and not ages.link_s <= silent_s
 
@@ -92,11 +122,14 @@ RULES: dict[Condition, Rule] = {
         blocks=True,
     ),
     C.REBOOTED: Rule(lambda now, _: now.watched.rebooted, blocks=True),
-    C.TICK_LATE: Rule(
-        lambda now, limits: not now.observed.dt_s - now.tick_s <= limits.late_tick_s,
-        ("late_tick_s",),
-        blocks=True,
+    C.TICK_LATE: Rule(_tick_late, ("late_tick_s",), blocks=True),
+    C.OTHER_FIRST: Rule(lambda now, _: now.watched.other_first, blocks=True),
+    C.OTHER_CAME: Rule(lambda now, _: now.watched.other_came, warns=True),
+    C.INTERRUPTED: Rule(
+        lambda now, limits: now.active and interrupted(now.observed, limits, now.tick_s),
+        ("depth_timeout_s", "attitude_timeout_s", "late_tick_s", "link_timeout_s"),
     ),
+    C.UNSTEADY: Rule(lambda now, _: now.watched.unsteady, warns=True),
     C.NON_FINITE: Rule(lambda now, _: not now.observed.finite, blocks=True),
     C.CLOCK_INCONSISTENT: Rule(
         lambda now, _: not now.observed.state.clock_doubt_s <= CLOCK_DOUBT_S, blocks=True
@@ -113,14 +146,8 @@ RULES: dict[Condition, Rule] = {
         warns=True,
         freezes=True,
     ),
-    C.DEPTH_STALE: Rule(
-        lambda now, limits: not depth_is_fresh(now.observed.state, limits), ("depth_timeout_s",), blocks=True
-    ),
-    C.ATTITUDE_STALE: Rule(
-        lambda now, limits: not now.observed.state.ages.attitude_s <= limits.attitude_timeout_s,
-        ("attitude_timeout_s",),
-        blocks=True,
-    ),
+    C.DEPTH_STALE: Rule(_depth_stale, ("depth_timeout_s",), blocks=True),
+    C.ATTITUDE_STALE: Rule(_attitude_stale, ("attitude_timeout_s",), blocks=True),
     C.POSITION_STALE: Rule(_position_stale, ("position_timeout_s",), warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),
@@ -245,6 +272,7 @@ TRANSITIONS = (
     T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER),
     T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT),
     T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT),
+    T(S.ACTIVE, C.OTHER_FIRST, NOTHING, S.RAMP_DOWN),
     T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN),
     T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN),
     T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN),

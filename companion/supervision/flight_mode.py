@@ -75,7 +75,7 @@ class FlightMode:
         return self._keeper.restore_mode()
 
     def steers(self, verdict: Verdict, state: VehicleState) -> bool:
-        """Tell whether a steering frame is sent: with authority, and for NEUTRAL_FRAMES_S after it.
+        """Tell whether a steering frame is sent: while ACTIVE or with authority, and NEUTRAL_FRAMES_S longer.
 
         During a hand-over neutral frames continue; they are slower when ALT_HOLD is confirmed.
         """
@@ -85,7 +85,12 @@ class FlightMode:
             self._kept_alive_s = self._kept_alive_s if kept_alive else now_s
             self._neutral_until_s, self._had_authority = now_s, False
             return not kept_alive
-        if verdict.authority > 0.0 or self._had_authority or self._finds_it_steered(state):
+        if (
+            verdict.state is State.ACTIVE
+            or verdict.authority > 0.0
+            or self._had_authority
+            or self._finds_it_steered(state)
+        ):
             self._neutral_until_s = now_s + NEUTRAL_FRAMES_S
         self._had_authority = verdict.authority > 0.0
         return now_s <= self._neutral_until_s

@@ -70,6 +70,14 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     saturated_s: float = 0.0
     off_track_s: float = 0.0
     tilted_s: float = 0.0
+    other_first: bool = False
+    """Whether another Holdfast with our ids was there first, or does not let go."""
+    other_came: bool = False
+    """Whether one came later."""
+    interrupted_s: float = 0.0
+    """How long steering was interrupted of late; the time between interruptions takes a part off."""
+    unsteady: bool = False
+    """Whether it was interrupted less than a minute ago."""
     innovation_m: float = 0.0
     innovation_deg: float = 0.0
     """Mean absolute innovation: measurement minus prediction."""
@@ -89,6 +97,8 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     tick_s: float
     mode_right: bool
     """Whether the flight mode is one in which our present state steers or hands over."""
+    active: bool = False
+    """Whether we were ACTIVE in the last tick."""
     steered: bool = False
     """Whether the last tick carried authority."""
     hand_over: HandOverStep = HandOverStep.NONE
@@ -106,6 +116,13 @@ def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimit
 def depth_is_fresh(state: VehicleState, limits: SupervisorLimits) -> bool:
     """Tell whether an accepted depth is recent enough."""
     return state.ages.depth_s <= limits.depth_timeout_s
+
+
+def interrupted(observed: Observation, limits: SupervisorLimits, tick_s: float) -> bool:
+    """Tell whether depth or attitude is too old to steer by, or this tick too late."""
+    punctual = observed.dt_s - tick_s <= limits.late_tick_s
+    fresh = depth_is_fresh(observed.state, limits)
+    return not (punctual and fresh and observed.state.ages.attitude_s <= limits.attitude_timeout_s)
 
 
 def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:

@@ -77,18 +77,22 @@ class Supervision:
         """Return who may steer this tick."""
         config, mode, previous = self._config, self._flight_mode, self.verdict
         limits, state, dt_s = config.supervisor, observed.state, observed.dt_s
-        steered = previous.authority > 0.0
+        active, steered = previous.state is State.ACTIVE, previous.authority > 0.0
+        tick_s = 1.0 / config.loop.rate_hz
         self._engagement.step(observed.requests, observed.events, self._parameters, state.t_s)
         hand_over = mode.step_hand_over(
             previous, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
         now = Situation(
             observed=observed,
-            watched=self._monitor.step(observed, limits, self._parameters, steered=steered),
+            watched=self._monitor.step(
+                observed, limits, self._parameters, active=active, steered=steered, tick_s=tick_s
+            ),
             parameters=self._parameters,
             ground_station=config.ground_station,
-            tick_s=1.0 / config.loop.rate_hz,
+            tick_s=tick_s,
             mode_right=mode.is_right(previous, state.mode),
+            active=active,
             steered=steered,
             hand_over=hand_over,
             ramped_down=self._machine.ramped_down(dt_s),

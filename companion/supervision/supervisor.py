@@ -104,7 +104,7 @@ class StateMachine:
         """Take one tick's conditions and give the verdict; `details` are what is found of them.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
-        HAND_OVER, and is 0 everywhere else.
+        HAND_OVER, and is 0 everywhere else, and while INTERRUPTED.
         """
         previous = self._verdict
         authority = self._fallen(dt_s)
@@ -112,6 +112,7 @@ class StateMachine:
         state, reason = (row.to, row.because) if row else (previous.state, self._reason)
         if state is State.ACTIVE:
             authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+            authority = 0.0 if conditions & C.INTERRUPTED else authority
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
         if row:

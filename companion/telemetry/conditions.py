@@ -8,8 +8,10 @@ from companion.records import Condition
 C = Condition
 
 UNSAID = C.RAMPED_DOWN | C.HAND_OVER_HELD | C.HANDED_OVER | C.SURFACED | C.HAND_OVER_REFUSED
-UNSAID |= C.OPERATOR_STOP | C.ENGAGE_ASKED | C.CLEAR_ASKED
-"""What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state."""
+UNSAID |= C.OPERATOR_STOP | C.ENGAGE_ASKED | C.CLEAR_ASKED | C.INTERRUPTED
+"""What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state.
+
+INTERRUPTED is reported as UNSTEADY."""
 
 ENDED = {condition.ended: condition.text for condition in C}
 """For the words that a condition has ended, those of its beginning."""

@@ -174,9 +174,9 @@ class Diving:
         elif state is State.PILOT:
             self.fault("mode", 1.0)
         elif state is State.FAULT and isinstance(self.vehicle, Firmware):
-            self.fault("link_cut", seconds=0.8)
+            self.fault("link_cut", seconds=1.5)
         elif state is State.FAULT:
-            self.fault("message_stopped", message="ATTITUDE", seconds=0.8)
+            self.fault("message_stopped", message="ATTITUDE", seconds=1.5)
         self.until(state)
 
 
@@ -257,7 +257,17 @@ def _junk(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
 
 
 def _stall(dive: Diving, broken: Broken, rng: np.random.Generator) -> None:
-    dive.engine.asleep_until_s = dive.t_s + 0.35 + 2.0 * broken.value
+    dive.engine.asleep_until_s = dive.t_s + _stalls_s(broken)
+
+
+def _stalls_s(broken: Broken) -> float:
+    return 0.35 + 2.0 * broken.value
+
+
+def _stalled(broken: Broken) -> float | None:
+    """One of up to a second is ridden out, give or take a tick."""
+    stalls_s = _stalls_s(broken)
+    return None if stalls_s < 1.05 else stalls_s + RAMP_S + LATE_S
 
 
 def _parameter(name: str, value: float | None = None) -> "Begin":
@@ -335,7 +345,7 @@ FAULTS: dict[str, FaultSpec] = {
     "position reset": FaultSpec(InSimulator("position_reset"), _never, (-9.0, 9.0)),
     "battery flat": FaultSpec(InSimulator("voltage"), _never, (6.0, 12.0)),
     "thruster dead": FaultSpec(_thruster, _never),
-    "companion stalls": FaultSpec(_stall, lambda broken: 0.35 + 2.0 * broken.value + RAMP_S + LATE_S),
+    "companion stalls": FaultSpec(_stall, _stalled),
 }
 
 

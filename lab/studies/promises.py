@@ -5,6 +5,7 @@
 - at most one steering frame leaves in a tick, none while the engine does not steer; it is within full stick,
   demands no more roll and pitch than the envelope, and leaves the camera alone;
 - authority is within 0 and 1, and goes only with ACTIVE, RAMP_DOWN and HAND_OVER;
+- ACTIVE and RAMP_DOWN push on a depth and an attitude that are no older than their timeouts;
 - without authority the part of a command that is ours is neutral, and so is every frame unless a pilot steers
   beside us;
 - ACTIVE is entered from READY alone, after somebody asked, with nothing against it;
@@ -77,6 +78,7 @@ class Promises:
         envelope = assembly.envelope(config)
         self._most = (*(envelope.max_axis,) * 4, *(envelope.max_tilt_axis,) * 2)
         self._step = envelope.max_slew_per_s / config.loop.rate_hz + ROUNDING
+        self._limits = config.supervisor
         self._pilot = pilot
         self.asked_otherwise = False
         """Somebody asks to engage by a button or a MAVLink command, of which no request tells."""
@@ -111,6 +113,10 @@ class Promises:
         permitted = verdict.authority > 0.0
         promise(0.0 <= verdict.authority <= 1.0, f"an absurd authority of {verdict.authority}")
         promise(not permitted or verdict.state in CARRY_AUTHORITY, "authority without permission")
+        ages, limits = sample.state.ages, self._limits
+        fresh = ages.depth_s <= limits.depth_timeout_s and ages.attitude_s <= limits.attitude_timeout_s
+        steers_by_them = permitted and verdict.state in (State.ACTIVE, State.RAMP_DOWN)
+        promise(fresh or not steers_by_them, "authority on a depth or an attitude that is too old")
         promise(permitted or self._at_rest, "a command without authority")
         promise(permitted or self._pilot or not pushing, "thrust without authority")
         self._hold_engaging(sample, requests)

@@ -71,7 +71,7 @@ def pilots():
 @shared
 def faulty():
     dive = active()
-    dive.fault("message_stopped", 0.8, message="ATTITUDE")
+    dive.fault("message_stopped", 1.3, message="ATTITUDE")
     dive.until(State.FAULT)
     dive.run(0.6)
     return dive
@@ -126,7 +126,7 @@ def non_finite(dive):
 
 
 def tick_late(dive):
-    dive.tap.asleep_until_s = dive.t_s + 0.4
+    dive.tap.asleep_until_s = dive.t_s + 1.2
 
 
 def pilot_takes_over(dive):
@@ -154,7 +154,7 @@ FROM_ACTIVE = {
     failsafe_unsafe: ([State.RAMP_DOWN, State.IDLE], RAMP_S + 0.2),
     not_fit: ([State.RAMP_DOWN, State.IDLE], RAMP_S + 0.5),
     non_finite: ([State.FAULT], 0.04),
-    tick_late: ([State.RAMP_DOWN, State.IDLE, State.READY], 0.4 + RAMP_S + 0.1),
+    tick_late: ([State.RAMP_DOWN, State.IDLE, State.READY], 1.2 + RAMP_S + 0.1),
     pilot_takes_over: ([State.PILOT], 0.2),
     operator_stops: ([State.RAMP_DOWN, State.IDLE, State.READY], RAMP_S + 0.1),
 }
@@ -173,7 +173,7 @@ def test_in_active_it_lets_go_in_time(condition):
     dive = active()
     since_s = dive.t_s
     condition(dive)
-    dive.run(3.6 if condition is link_lost else 2.4)
+    dive.run(3.6 if condition in (link_lost, tick_late) else 2.4)
     assert left(dive, State.ACTIVE, since_s) == expected
     assert dive.tap.last_thrust_s - since_s <= within_s
     assert dive.motors_rest() or condition is wrong_mode

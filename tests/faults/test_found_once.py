@@ -25,9 +25,9 @@ def stick_at_ten_hertz(dive):
 
 def test_a_stall_longer_than_the_burst_still_ends_in_neutral_frames():
     dive = active()
-    woke_s = dive.t_s + 0.8
+    woke_s = dive.t_s + 1.4
     dive.tap.asleep_until_s = woke_s
-    dive.run(1.6)
+    dive.run(3.2)
     frames = [axes for t_s, axes in dive.tap.frames if t_s >= woke_s - 1e-6]
     assert frames
     assert not any(frames[-1])
@@ -111,7 +111,7 @@ def test_a_setpoint_out_of_bounds_is_refused():
 
 def test_engage_asked_in_fault_is_not_remembered():
     dive = active()
-    dive.fault("message_stopped", 0.8, message="ATTITUDE")
+    dive.fault("message_stopped", 1.5, message="ATTITUDE")
     dive.until(State.FAULT)
     dive.run(1.0)
     dive.ask(Request.ENGAGE)

@@ -1,12 +1,25 @@
-"""What falls silent is frozen at its last value and said to be absent; it starts anew when it comes back."""
+"""What falls silent is frozen at its last value and said to be absent; it starts anew when it comes back.
+
+A silence under a second, and a tick that is late by less, are ridden out: neutral, then on where it was.
+"""
+
+import itertools
 
 import numpy as np
 import pytest
-from virtual import active
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from virtual import Dive, Somebody, active, hold, shared
 
-from companion.records import PSI, ZERO, Request, State, X, Z
+from companion.config import load_config
+from companion.guidance.orders import order_of
+from companion.records import PSI, ZERO, Condition, Request, State, X, Z
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from companion.telemetry.commands import Follow
+from companion.telemetry.event_log import EventLog
+from companion.telemetry.plan import PathPlan, Waypoint
+from lab.loop.lockstep import START_S
 
 DVL = ("sensors.dvl=true",)
 ALL = ("depth_m", "depth_rate_mps", "heading_rad", "heading_rate_radps", "roll_rad", "pitch_rad")
@@ -82,3 +95,101 @@ def test_it_starts_anew_when_the_link_returns_and_engages_without_a_step(plant):
     thrust = np.array([step.sample.requested.tau for step in dive.run(0.5)])
     assert np.abs(thrust[:5]).max() < 15.0
     assert dive.step.sample.verdict.state is State.ACTIVE
+
+
+LIMITS = load_config().supervisor
+CURRENT = ("current.enabled=true", "current.speed_m_s=0.2", "initial.eta=[0,0,2,0,0,0]")
+LINE = PathPlan(
+    name="line",
+    waypoint=(Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=6.0, y_m=0.0)),
+    heading="keep",
+    speed_mps=0.1,
+)
+SILENT = ("all", "ATTITUDE", "GLOBAL_POSITION_INT", "uplink", "late tick", "late tick and stamps")
+
+
+def interrupt(dive, what, seconds):
+    """What arrived during a late tick is stamped when it came, or as a process does it: when it is read."""
+    until_s = dive.t_s + seconds
+    if what == "all":
+        dive.fault("link_cut", seconds)
+    elif what == "uplink":
+        dive.tap.mute_until_s = until_s
+    elif what.startswith("late tick"):
+        dive.tap.asleep_until_s = until_s
+    else:
+        dive.fault("message_stopped", seconds, message=what)
+    if what == "late tick and stamps":
+        spoil, read_ns = dive.tap.spoil, round((START_S + until_s) * 1e9)
+        dive.tap.spoil = lambda t_s, inbox: [(max(at, read_ns), data) for at, data in spoil(t_s, inbox)]
+
+
+@shared
+def placed(setpoint=None, seconds=12.0):
+    """Holding a place in a current, without a ground station."""
+    dive = Dive(
+        "sensors.dvl=true", "sensors.dvl_drift_m=0", *CURRENT, setpoint=setpoint or hold(z=2.5, x=0.0, y=0.0)
+    )
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE).run(seconds)
+    return dive
+
+
+def distance(dive, eta):
+    """How far from there it is, m and degrees."""
+    *off, turned = np.subtract(dive.step.truth.eta, eta)[[0, 1, 2, 5]]
+    return np.linalg.norm(off), abs(np.degrees(turned))
+
+
+@settings(max_examples=18, deadline=None)
+@given(what=st.sampled_from(SILENT), seconds=st.floats(0.02, 1.6))
+def test_any_short_interruption_is_ridden_out_and_a_longer_one_ends_it_as_ever(what, seconds):
+    """No tick of `Dive` breaks a promise: thrust rests on old telemetry as soon as it ever did."""
+    dive = placed()
+    there = dive.step.truth.eta
+    interrupt(dive, what, seconds)
+    steps = dive.run(6.0)
+    states = [state for state, _ in itertools.groupby(step.sample.verdict.state for step in steps)]
+    if what == "uplink" or seconds <= 0.95:
+        assert states == [State.ACTIVE]
+        assert np.less(distance(dive, there), (0.05, 2.0)).all()
+    elif seconds >= 1.2:
+        assert states[1] is (State.RAMP_DOWN if what.startswith("late tick") else State.FAULT)
+        assert dive.state is not State.ACTIVE
+
+
+@pytest.mark.parametrize("path", [False, True], ids=["a place", "a path"])
+def test_a_dive_over_a_link_that_pauses_ends_where_it_began_and_is_told_once(path):
+    """0.3 to 0.9 s each 20 s, nobody at a ground station: the autopilot would disarm what nobody steers."""
+    dive, log, told = placed(), EventLog(), []
+    if path:
+        dive.engine.guide(order_of(Follow(path=LINE), dive.engine.config))
+    there = (6.0, 0.0, 2.5, *dive.step.truth.eta[3:]) if path else dive.step.truth.eta
+    for seconds in (0.3, 0.6, 0.9, 0.75):
+        dive.fault("link_cut", seconds)
+        steps = dive.run(20.0)
+        assert all(step.sample.state.armed for step in steps)
+        told += [event.text for step in steps for event in log.step(step.sample)]
+    assert np.less(distance(dive, there), (0.05, 2.0)).all()
+    assert dive.states_since(dive.t_s - 80.0) == [State.ACTIVE]
+    assert told.count(Condition.UNSTEADY.text) == 1
+    assert not {Condition.LINK_LOST.text, Condition.DEPTH_STALE.text, Condition.ATTITUDE_STALE.text} & set(
+        told
+    )
+
+
+def test_while_interrupted_it_is_neutral_and_what_is_wanted_stays():
+    dive = placed()
+    dive.tap.aim(hold(z=1.5, x=0.5, y=0.0))
+    dive.run(0.5)
+    target = dive.engine.target
+    dive.fault("link_cut", 0.9)
+    steps = dive.run(1.2)
+    interrupted = [step.sample for step in steps if step.sample.verdict.conditions & Condition.INTERRUPTED]
+    assert len(interrupted) == pytest.approx(50 * (0.9 - LIMITS.depth_timeout_s), abs=4)
+    assert {sample.verdict.authority for sample in interrupted} == {0.0}
+    assert not any(any(sample.command) for sample in interrupted)
+    assert len(dive.tap.frames) >= 50 * 1.2, "neutral frames go on"
+    assert dive.engine.target == pytest.approx(target, abs=1e-6)
+    dive.run(8.0)
+    assert np.less(distance(dive, (0.5, 0.0, 1.5, *dive.step.truth.eta[3:])), (0.05, 0.1)).all()

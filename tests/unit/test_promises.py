@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from builders import RESTING
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -22,6 +23,7 @@ def override(*axes, pitch=65535, roll=65535, camera=65535):
 
 
 NOTHING = Condition(0)
+OLD = replace(RESTING, ages=replace(RESTING.ages, depth_s=0.6))
 
 
 def verdict(state=State.ACTIVE, authority=1.0, conditions=NOTHING):
@@ -52,6 +54,7 @@ def test_a_tick_that_keeps_all_of_them_passes(make_sample):
         ({"command": NEUTRAL._replace(yaw=math.nan)}, "not finite"),
         ({"command": NEUTRAL._replace(yaw=0.81), "was": NEUTRAL._replace(yaw=0.8)}, "envelope|jumps"),
         ({"command": NEUTRAL._replace(pitch=0.49)}, "envelope"),
+        ({"state": OLD}, "too old"),
         ({"command": NEUTRAL._replace(heave=0.11)}, "jumps"),
         ({"command": NEUTRAL._replace(heave=0.11), "pilot": True}, "jumps"),
         ({"out": [override(*REST)] * 2}, "2 steering frames"),

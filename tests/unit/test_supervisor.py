@@ -67,6 +67,7 @@ BLOCKING = (
     C.PILOT_LOST,
     C.CLOCK_INCONSISTENT,
     C.THRUSTER_MISSED,
+    C.OTHER_FIRST,
 )
 ONLY_REPORTED = (
     C.POSITION_STALE,
@@ -82,6 +83,8 @@ ONLY_REPORTED = (
     C.GROUND_DOUBTED,
     C.POSITION_UNUSED,
     C.HEADING_WRONG,
+    C.UNSTEADY,
+    C.OTHER_CAME,
 )
 FORBIDS_ENGAGING = (*BLOCKING, C.PILOT_TAKEOVER, C.OPERATOR_STOP)
 
@@ -100,7 +103,8 @@ EXPECTED = {
         ),
         C.FAILSAFE_SURFACES: State.READY,
         **dict.fromkeys(
-            (*ONLY_REPORTED, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE), State.READY
+            (*ONLY_REPORTED, C.INTERRUPTED, C.OFF_TRACK, C.AUTOPILOT_FAILSAFE, C.PILOT_LOST_SURFACE),
+            State.READY,
         ),
         C.TILT_PERSISTS: State.READY,
     },
@@ -126,6 +130,7 @@ EXPECTED = {
         C.FAILSAFE_SURFACES: State.HAND_OVER,
         C.WRONG_MODE: State.PILOT,
         C.FAILSAFE_UNSAFE: State.RAMP_DOWN,
+        C.OTHER_FIRST: State.RAMP_DOWN,
         C.PREFLIGHT_FAILURE: State.RAMP_DOWN,
         C.NON_FINITE: State.FAULT,
         C.TICK_LATE: State.RAMP_DOWN,
@@ -198,7 +203,9 @@ def test_every_condition_alone_in_every_state(state, condition):
     assert verdict.conditions & condition == condition
     carries = expected in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
     surfaces = condition is C.FAILSAFE_SURFACES and expected is State.HAND_OVER
-    assert (verdict.authority > 0.0) == (carries and not surfaces), "who surfaces gets no thrust of ours"
+    interrupted = condition is C.INTERRUPTED and expected is State.ACTIVE
+    rests = surfaces or interrupted
+    assert (verdict.authority > 0.0) == (carries and not rests), "who surfaces gets no thrust of ours"
 
 
 @pytest.mark.parametrize("row", TRANSITIONS, ids=lambda row: f"{row.at}-{row.to}-{row.because}")
@@ -360,6 +367,7 @@ RELEASES = structs.replace(
 )
 SURFACES = structs.replace(RELEASES, on_loss="surface")
 SAFE = {"FS_PILOT_INPUT": 2.0, "FS_PILOT_TIMEOUT": 3.0}
+ACTIVE = {"active": True}
 
 
 def situation(state=RESTING, **changes):
@@ -479,6 +487,22 @@ SEEN = [
     (RESTING, {"parameters": {"FS_PILOT_TIMEOUT": 2.0}}, C.FAILSAFE_UNSAFE),
     (RESTING, {"finite": False}, C.NON_FINITE),
     (RESTING, {"dt_s": TICK_S + LIMITS.late_tick_s + 0.01}, C.TICK_LATE),
+    *(
+        (state, ACTIVE | changes, expected)
+        for state, changes, expected in (
+            (aged(depth_s=LIMITS.depth_timeout_s + 0.01), {}, C.INTERRUPTED),
+            (aged(attitude_s=LIMITS.attitude_timeout_s + 0.01), {}, C.INTERRUPTED),
+            (RESTING, {"dt_s": TICK_S + LIMITS.late_tick_s + 0.01}, C.INTERRUPTED),
+            (aged(depth_s=LIMITS.link_timeout_s + 0.11), {}, C.INTERRUPTED | C.DEPTH_STALE),
+            (aged(attitude_s=LIMITS.link_timeout_s + 0.11), {}, C.INTERRUPTED | C.ATTITUDE_STALE),
+            (aged(link_s=1.01, depth_s=1.01, attitude_s=1.01), {}, C.INTERRUPTED | C.LINK_LOST),
+            (RESTING, {"dt_s": TICK_S + LIMITS.link_timeout_s + 0.01}, C.INTERRUPTED | C.TICK_LATE),
+            (aged(depth_s=0.51), {"interrupted_s": 2.01}, C.INTERRUPTED | C.DEPTH_STALE),
+        )
+    ),
+    (RESTING, {"unsteady": True}, C.UNSTEADY),
+    (RESTING, {"other_first": True}, C.OTHER_FIRST),
+    (RESTING, {"other_came": True}, C.OTHER_CAME),
     (RESTING, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
     (RESTING, {"full_override": True}, C.PILOT_TAKEOVER),
     (RESTING, {"requests": [Request.STOP]}, C.OPERATOR_STOP),

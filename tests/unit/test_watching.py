@@ -42,7 +42,7 @@ class Seen:
         state = structs.replace(state, t_s=self.now_s)
         given: dict[str, Any] = {"held": ALL, "dofs": dofs} | changes
         observed = Observation(state=state, dt_s=dt_s, loop=health, events=stamped, **given)
-        return self.watch.step(observed, LIMITS, parameters, steered=steered)
+        return self.watch.step(observed, LIMITS, parameters, active=steered, steered=steered, tick_s=TICK_S)
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
