@@ -108,6 +108,7 @@ def six_thrusters():
 def sticks(*plant, on_loss="surface"):
     """Each axis by hand: in part, in full, back to the hold, a button for all; then no ground station."""
     dive = begin(*plant, pilot=True, companion=(*BUTTONS, f"ground_station.on_loss={on_loss}"))
+    dive.tap.promises.asked_otherwise = True
     dive.cockpit.push()
     dive.run(9.0)
     pushes = ({"heave": 0.5}, {"yaw": -0.6}, {"surge": 0.4, "sway": -0.3}, {"heave": -1.0}, {"heave": 0.3})
