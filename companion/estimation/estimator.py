@@ -20,7 +20,13 @@ from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
 from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
-from companion.estimation.resets import MAX_GAP_S, POSITION_WARNED_M, position_resets, yaw_resets
+from companion.estimation.resets import (
+    MAX_GAP_S,
+    POSITION_WARNED_M,
+    DepthResets,
+    position_resets,
+    yaw_resets,
+)
 from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
@@ -39,6 +45,7 @@ from companion.records import (
     PilotGain,
     PilotHeartbeat,
     Position,
+    Pressure,
     Range,
     Reboot,
     ServoOutput,
@@ -55,11 +62,14 @@ from companion.records import (
 MAX_RESET_INNOVATION = 1.0
 """m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
 
-LATER_S = {"pressure": 0.053}
-"""How much older than relative_alt and climb these depths are (docs/ardusub.md, "Telemetry")."""
-
 JUMP_BELIEVED_S = 2.0
 """A depth that jumped is left out, and so is stale soon; after this long it is where the vehicle is."""
+
+ARMING_S = 0.5
+"""So soon after arming the zero of depth is the autopilot's, which sets it then."""
+
+PRESSURE_LATER_S = 0.053
+"""How much older than relative_alt a pressure is (docs/ardusub.md, "Telemetry")."""
 
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
@@ -76,7 +86,9 @@ class Estimator:
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        self._depth_later_s = LATER_S.get(config.vehicle.depth_source, 0.0)
+        is_pressure = config.vehicle.depth_source == "pressure"
+        self._depth_later_s = PRESSURE_LATER_S if is_pressure else 0.0
+        self._pressure_later_s = PRESSURE_LATER_S - self._depth_later_s
         self._hidden_s = 0.0
         self.frame = Frame()
         """Where the EKF's frame lies, as seen from the one in which `state` and the observers' memory are."""
@@ -86,7 +98,7 @@ class Estimator:
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
-        self._link_t_s = -math.inf
+        self._armed_t_s = self._link_t_s = -math.inf
         self._heartbeat_t_s = -math.inf
         self._pilot_t_s = -math.inf
         self._handlers: dict[type, Callable[[Any], None]] = {
@@ -94,13 +106,14 @@ class Estimator:
             Depth: self._on_depth,
             DepthRate: self._on_depth_rate,
             Position: self._on_position,
+            Pressure: self._on_pressure,
             Range: self._on_range,
             ServoOutput: self._on_servo_output,
             TimeSync: self._on_timesync,
             Heartbeat: self._on_heartbeat,
             Battery: self._on_battery,
             PilotGain: self._on_pilot_gain,
-            Reboot: lambda _: self.restart(),
+            Reboot: self._on_reboot,
         }
         self.restart()
 
@@ -120,7 +133,8 @@ class Estimator:
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
         self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
-        self._expected_depth_m = 0.0
+        self._expected_depth_m = self._expected_sink_mps = 0.0
+        self._sink_mps, self._sink_t_s = 0.0, -math.inf
         self._measured = [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
         self._restarted = True
@@ -130,7 +144,8 @@ class Estimator:
         self._heading_watch = HeadingWatch()
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
-        self._yaw_reset_t_s = self._position_reset_t_s = -math.inf
+        self._depth_resets = DepthResets()
+        self._yaw_reset_t_s = self._position_reset_t_s = self._depth_reset_t_s = -math.inf
         self._frame_shift: FrameShift | None = None
 
     def take(
@@ -150,14 +165,14 @@ class Estimator:
         if not all(map(observers.is_believable, memory.states)):
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
-        expected_depth_m, _ = observer.expected(memory.states[Z])
+        self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.states[Z])
         hidden_s = memory.hidden.hidden_s
         self._depth_refused = False
         self._frame_shift = None
         self._reset_by = [0.0] * len(DOFS)
         self._measured = [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
-        self._expected_depth_m, self._hidden_s = expected_depth_m, hidden_s
+        self._hidden_s = hidden_s
         for event in events:
             self._take(event)
         delays = self._meter.delays
@@ -261,12 +276,14 @@ class Estimator:
                 pilot_s=now_s - self._pilot_t_s,
                 yaw_reset_s=now_s - self._yaw_reset_t_s,
                 position_reset_s=now_s - self._position_reset_t_s,
+                depth_reset_s=now_s - self._depth_reset_t_s,
             ),
             delays=delays,
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=shift,
+            depth_offset_m=self.frame.sunk_m,
             stale=stale,
             dead_motor=dead_motor,
             model=model,
@@ -318,13 +335,16 @@ class Estimator:
     def _rate(self, dof: int, value: float, at_s: float) -> None:
         self._measured[dof] = self._measured[dof]._replace(rate=value, rate_s=at_s)
 
-    def _note_reset(self, turn_rad: float, north_m: float, east_m: float) -> None:
+    def _note_reset(self, turn_rad: float, north_m: float, east_m: float, down_m: float = 0.0) -> None:
         """Report a reset of the EKF; samples of this tick from before it are left out."""
-        for dof in (X, Y, PSI):
+        for dof in () if down_m else (X, Y, PSI):
             self._measured[dof] = NOTHING
         reported = self._frame_shift or FrameShift(0.0, 0.0, 0.0)
         self._frame_shift = FrameShift(
-            reported.turn_rad + turn_rad, reported.north_m + north_m, reported.east_m + east_m
+            reported.turn_rad + turn_rad,
+            reported.north_m + north_m,
+            reported.east_m + east_m,
+            reported.down_m + down_m,
         )
 
     def _on_attitude(self, event: Attitude) -> None:
@@ -344,16 +364,44 @@ class Estimator:
 
     def _on_depth(self, event: Depth) -> None:
         at_s = self._sampled(event, Z) - self._depth_later_s - self._hidden_s
-        innovation_m = abs(event.z_m - self._expected_depth_m)
+        if event.boot_s is not None:
+            climbs = event.t_s - self._sink_t_s <= MAX_GAP_S
+            sink_mps = self._sink_mps if climbs else self._expected_sink_mps
+            surprise_m = event.z_m - self.frame.sunk_m - self._expected_depth_m
+            self._note_depth_reset(
+                event.t_s,
+                self._depth_resets.step(event.boot_s, event.z_m, sink_mps, surprise_m, climbs=climbs),
+            )
+        z_m = event.z_m - self.frame.sunk_m
+        innovation_m = abs(z_m - self._expected_depth_m)
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
         if innovation_m > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
             self._depth_refused = self._refusing = True
             return
         self._refusing = False
-        self._position(Z, event.z_m, event.t_s, at_s)
+        self._position(Z, z_m, event.t_s, at_s)
+
+    def _on_pressure(self, event: Pressure) -> None:
+        reset_m = self._depth_resets.pressed(event.boot_s - self._pressure_later_s, event.z_m)
+        self._note_depth_reset(event.t_s, reset_m)
+
+    def _note_depth_reset(self, t_s: float, down_m: float) -> None:
+        """Let depth go on as before. While it is disarmed, and as it arms, the zero is the autopilot's."""
+        if not self._heartbeat.armed or t_s - self._armed_t_s <= ARMING_S:
+            self._depth_resets.accept()
+        elif down_m:
+            self.frame = self.frame._replace(sunk_m=self.frame.sunk_m + down_m)
+            self._depth_reset_t_s = t_s
+            self._reset_by[Z] = min(self._reset_by[Z] + abs(down_m), MAX_RESET_INNOVATION)
+            self._note_reset(0.0, 0.0, 0.0, down_m)
+
+    def _on_reboot(self, _: Event) -> None:
+        self.frame = self.frame._replace(sunk_m=0.0)
+        self.restart()
 
     def _on_depth_rate(self, event: DepthRate) -> None:
+        self._sink_mps, self._sink_t_s = event.w_mps, event.t_s
         at_s = self._sampled(event, Z) - self._hidden_s
         self._rate(Z, event.w_mps, at_s)
 
@@ -388,6 +436,10 @@ class Estimator:
         self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
+        if not event.armed:
+            self.frame = self.frame._replace(sunk_m=0.0)
+        elif not self._heartbeat.armed:
+            self._armed_t_s = event.t_s
         self._heartbeat = event
         self._heartbeat_t_s = event.t_s
 

@@ -6,12 +6,16 @@
 | p_ekf  | the same place for the EKF: p_ekf = R(turn) p_in + (north, east)   | m    |
 | ψ_ekf  | heading: ψ_in + turn                                               | rad  |
 | owed   | sum of the fixes that are not yet followed                         | m    |
+| sunk   | how much deeper relative_alt reads: z_ekf = z_in + sunk            | m    |
 
 A reset of the EKF changes this offset and nothing else. Three use it: the estimator, for what is measured;
 guidance, for the places that an operator gives, for path and fence; the engine, for what it reports.
 
 A jump of the position is a reset, or a fix of a slow source such as USBL. After a fix the offset goes back
 slowly, so that the vehicle follows to the numbers that it was given.
+
+Depth is z_in outside too: fence, greatest depth and what an operator asks for are in the water, whose surface
+stays where it was known to be.
 """
 
 import math
@@ -96,6 +100,7 @@ class Frame(NamedTuple):
     """Of the places that an operator gives: there the vehicle ends."""
     owed: tuple[float, float] = (0.0, 0.0)
     reset_t_s: float = -math.inf
+    sunk_m: float = 0.0
 
     @property
     def now(self) -> Offset:
@@ -121,7 +126,7 @@ class Frame(NamedTuple):
 
     def stayed(self) -> "Frame":
         """Return the frame that stays as it is now: nothing is left to follow."""
-        return Frame(self.now, reset_t_s=self.reset_t_s)
+        return self._replace(settled=self.now, owed=(0.0, 0.0))
 
     def followed(self, dt_s: float, *, held: bool) -> "Frame":
         """Return the frame a tick later; where no place is held there is nothing to follow."""

@@ -1,11 +1,12 @@
-"""Resets of the autopilot's estimate: a step of yaw or position that its own rates do not explain.
+"""Resets of the autopilot's estimate: a step of yaw, position or depth that its own rates do not explain.
 
 The EKF may find that its yaw or position was wrong and correct it at once ("in-flight yaw alignment
-complete"). The vehicle did not move then; the frame in which it is measured did. Inside, nothing moves
-(`estimation.frame`).
+complete"); relative_alt gets another zero when home or origin is set. The vehicle did not move then; the
+frame in which it is measured did. Inside, nothing moves (`estimation.frame`).
 """
 
 import math
+from collections import deque
 
 from companion.control.bounds import wrap
 
@@ -25,12 +26,30 @@ POSITION_WARNED_M = 0.25
 MAX_ACCELERATION = 5.0
 """m/s², likewise."""
 
+DEPTH_RESET_M = 0.04
+"""Less is followed. In waves relative_alt is off what the climb rate gives by 15 mm at most (simulator)."""
+
 MEMORY_S = 1.0
 """Resets that are each too small are added up over this time. So a yaw that is corrected in many small steps
 by more than about 1 °/s counts as reset as well; a slower correction is followed."""
 
 MAX_GAP_S = 0.5
 """Over a longer gap nothing is known: the first sample after it starts again."""
+
+NOISE_LASTS_S = 5.0
+"""What the climb rate did not explain within this time counts as the noise of depth."""
+
+WANDER_LASTS_S = 60.0
+"""The same for what comes and goes, such as the lag of an EKF with GPS in waves."""
+
+PRESSURE_LASTS_S = 1.2
+"""A pressure that is older says nothing: with nobody asking it comes at 2 Hz."""
+
+JUDGED_AFTER_S = 0.15
+"""A pressure that was true so long after a reset of depth shows whether the vehicle moved."""
+
+DRIFT_S = 5.0
+"""So slowly the usual difference of depth and pressure follows the present one."""
 
 
 class ResetDetector:
@@ -43,7 +62,7 @@ class ResetDetector:
     """
 
     def __init__(self, threshold: float, max_acceleration: float, *, angular: bool) -> None:
-        self._threshold = threshold
+        self.threshold = threshold
         self._max_acceleration = max_acceleration
         self._angular = angular
         self.restart()
@@ -51,7 +70,7 @@ class ResetDetector:
     def restart(self) -> None:
         """Forget the last sample."""
         self._at_s = math.nan
-        self._value = self._rate = self._unexplained = 0.0
+        self._value = self._rate = self.unexplained = 0.0
 
     def extrapolated(self, at_s: float) -> float:
         """Return the signal's value at `at_s`, soon after its last sample; 0 before the first."""
@@ -65,16 +84,16 @@ class ResetDetector:
         expected = 0.5 * gap_s * (rate + self._rate)
         self._at_s, self._value, self._rate = at_s, value, rate
         if not 0.0 < gap_s <= MAX_GAP_S:
-            self._unexplained = 0.0
+            self.unexplained = 0.0
             return 0.0
         innovation = wrap(moved - expected) if self._angular else moved - expected
         uncertainty = 0.5 * abs(rate_change) * gap_s + 0.25 * self._max_acceleration * gap_s**2
-        self._unexplained *= math.exp(-gap_s / MEMORY_S)
-        if uncertainty < self._threshold or abs(innovation) > uncertainty:
-            self._unexplained += innovation
-        if not abs(self._unexplained) > self._threshold + uncertainty:
+        self.unexplained *= math.exp(-gap_s / MEMORY_S)
+        if uncertainty < self.threshold or abs(innovation) > uncertainty:
+            self.unexplained += innovation
+        if not abs(self.unexplained) > self.threshold + uncertainty:
             return 0.0
-        reset, self._unexplained = self._unexplained, 0.0
+        reset, self.unexplained = self.unexplained, 0.0
         return reset
 
 
@@ -86,3 +105,81 @@ def yaw_resets() -> ResetDetector:
 def position_resets() -> ResetDetector:
     """Return the detector for one horizontal coordinate (m) and its rate."""
     return ResetDetector(POSITION_RESET_M, MAX_ACCELERATION, angular=False)
+
+
+class DepthResets:
+    """Finds the resets of depth: what neither the climb rate nor, where it comes, the pressure explains.
+
+    A jump is believed at once, and the pressure (SCALED_PRESSURE) that comes later takes it back if it shows
+    the jump as well. What comes in many small steps is believed once pressure says so. A noisy depth, such as
+    the raw barometer's, has to jump by twice its noise.
+    """
+
+    def __init__(self) -> None:
+        self._detector = ResetDetector(DEPTH_RESET_M, MAX_ACCELERATION, angular=False)
+        self._noise_m = 0.0
+        self._depths = deque[tuple[float, float]](maxlen=25)
+        """The last samples: when they were true (autopilot's clock), and m."""
+        self._last_s, self._last_m = -math.inf, 0.0
+        """The last reset."""
+        self._doubtful_m = 0.0
+        """Sum of the resets that no pressure has judged."""
+        self._pressure_s = -math.inf
+        self._usual_m = math.nan
+        """Of depth minus the pressure's."""
+        self._peak_m = self._wander_m = 0.0
+        """How far the difference has gone from its usual value since it was there last, and goes and returns."""
+
+    def step(self, at_s: float, depth_m: float, rate_mps: float, surprise_m: float, *, climbs: bool) -> float:
+        """Take a depth as `ResetDetector.step` does; return the reset it shows (m), or 0.
+
+        `surprise_m` is how far it is from our own prediction; `climbs` tells whether `rate_mps` was measured.
+        """
+        detector, pressed = self._detector, at_s - self._pressure_s < PRESSURE_LASTS_S
+        if not pressed:
+            self._usual_m, self._doubtful_m = math.nan, 0.0
+        gap_s = max(at_s - self._depths[-1][0], 0.0) if self._depths else 0.0
+        self._depths.append((at_s, depth_m))
+        self._noise_m *= math.exp(-gap_s / NOISE_LASTS_S)
+        detector.threshold = max(DEPTH_RESET_M, 2.0 * self._noise_m)
+        reset_m = detector.step(at_s, depth_m, rate_mps)
+        if not reset_m:
+            self._noise_m = max(self._noise_m, abs(detector.unexplained))
+        elif pressed or (climbs and 2.0 * surprise_m * reset_m > reset_m**2):
+            self._doubtful_m += reset_m
+            return self._took(at_s, reset_m)
+        return 0.0
+
+    def pressed(self, at_s: float, depth_m: float) -> float:
+        """Take the pressure's depth that was true at `at_s`; return what it shows of a reset, or takes back."""
+        gap_s = max(at_s - self._pressure_s, 0.0)
+        self._pressure_s = at_s
+        self._wander_m *= math.exp(-gap_s / WANDER_LASTS_S)
+        difference_m = next((z for t_s, z in reversed(self._depths) if t_s <= at_s), math.nan) - depth_m
+        if math.isnan(self._usual_m):
+            self._usual_m = difference_m
+        surprise_m, doubtful_m = difference_m - self._usual_m, self._doubtful_m
+        if doubtful_m and at_s - self._last_s < JUDGED_AFTER_S:
+            return 0.0
+        if doubtful_m:
+            self.accept()
+            denied = abs(surprise_m + doubtful_m) < 0.5 * abs(doubtful_m)
+            return self._took(at_s, -doubtful_m) if denied else 0.0
+        unlike_m = self._detector.unexplained - surprise_m
+        if surprise_m * self._peak_m < 0.0:
+            self._wander_m, self._peak_m = max(self._wander_m, abs(self._peak_m)), 0.0
+        self._peak_m = max(self._peak_m, surprise_m, key=abs)
+        if max(2.0 * abs(unlike_m), DEPTH_RESET_M, 2.0 * self._wander_m) < abs(surprise_m):
+            self._detector.unexplained = 0.0
+            return self._took(at_s, surprise_m)
+        self._usual_m += (1.0 - math.exp(-gap_s / DRIFT_S)) * surprise_m
+        return 0.0
+
+    def accept(self) -> None:
+        """Take nothing back of what was reset so far."""
+        self._doubtful_m = 0.0
+
+    def _took(self, at_s: float, reset_m: float) -> float:
+        self._usual_m += reset_m
+        self._last_s, self._last_m = at_s, reset_m
+        return reset_m

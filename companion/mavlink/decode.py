@@ -49,6 +49,7 @@ from companion.records import (
     PilotToggle,
     Position,
     PositionTarget,
+    Pressure,
     Range,
     ReceiverChannels,
     ServoOutput,
@@ -146,8 +147,10 @@ class Decoder:
     that mean something here: give them to the codec as `wanted`.
 
     depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt;
-                   "pressure" that SCALED_PRESSURE which BARO_PRIMARY names, against BAROn_GND_PRESS in water
-                   of BARO_SPEC_GRAV; no depth before `parameters` has them
+                   "pressure" the pressure against BAROn_GND_PRESS
+
+    Pressure is that SCALED_PRESSURE which BARO_PRIMARY names, in water of BARO_SPEC_GRAV: there is none before
+    `parameters` has them.
     """
 
     def __init__(
@@ -190,9 +193,6 @@ class Decoder:
             mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._rc_channels_override,
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: pilot_commands,
         }
-        if depth_source != "pressure":
-            for message_id in PRESSURES:
-                del handlers[message_id]
         self._handlers = handlers
         self.ids = frozenset(handlers) - {mavlink.MAVLINK_MSG_ID_COMMAND_LONG}
         """What is wanted of the vehicle; a command comes from a ground station."""
@@ -253,16 +253,22 @@ class Decoder:
         """Drop the repeats of a reading: the sensor is slower than its stream."""
         parameters = self._parameters
         primary = int(parameters.get("BARO_PRIMARY", -1.0))
-        surface_pa = parameters.get(f"BARO{primary + 1}_GND_PRESS", 0.0)
         gravity = parameters.get("BARO_SPEC_GRAV", 0.0)
-        if dict(enumerate(PRESSURES)).get(primary) != m.MESSAGE_ID or surface_pa <= 0.0 or gravity <= 0.0:
+        if dict(enumerate(PRESSURES)).get(primary) != m.MESSAGE_ID or gravity <= 0.0:
             return ()
         boot_s = self._clock.from_ms(m.time_boot_ms)
         read_s, reading = self._last_pressure
         if m.press_abs == reading and 0.0 <= boot_s - read_s < PRESSURE_REPEAT_S:
             return ()
         self._last_pressure = (boot_s, m.press_abs)
-        return self._depth(t_s, boot_s, (m.press_abs * PA_PER_HPA - surface_pa) / (PA_PER_M * gravity))
+        pressure_pa, pa_per_m = m.press_abs * PA_PER_HPA, PA_PER_M * gravity
+        if not abs(pressure_pa) <= MAX_DEPTH_M * pa_per_m:
+            return self._implausible()
+        pressure = Pressure(t_s, boot_s, pressure_pa / pa_per_m)
+        surface_pa = parameters.get(f"BARO{primary + 1}_GND_PRESS", 0.0)
+        if self._depth_source != "pressure" or surface_pa <= 0.0:
+            return (pressure,)
+        return (*self._depth(t_s, boot_s, (pressure_pa - surface_pa) / pa_per_m), pressure)
 
     def _local_position(self, m: Message, t_s: float) -> tuple[Event, ...]:
         x, y, vx, vy = m.x, m.y, m.vx, m.vy

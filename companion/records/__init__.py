@@ -51,6 +51,7 @@ from companion.records.events import (
     PilotToggle,
     Position,
     PositionTarget,
+    Pressure,
     Range,
     Reboot,
     ReceiverChannels,

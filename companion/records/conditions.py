@@ -172,6 +172,16 @@ class Condition(IntFlag):
         "less than 3 s ago; the position setpoint was shifted with it, so the vehicle does not move",
         "command the position again if you want another; check the DVL if this happens often",
     )
+    DEPTH_RESET = (
+        "the autopilot's zero of depth moved",
+        "a steady zero of the autopilot's depth",
+        "the autopilot's zero of depth is steady",
+        "less than 3 s ago, as when home or origin is set: the depth jumped, and climb rate, pressure and "
+        "prediction show no motion. Depth counts on from the surface as it was known, so the vehicle does not "
+        "move",
+        "read the depth here: the ground station's differs by what the event says; set home and origin at "
+        "the surface",
+    )
     HEADING_WRONG = (
         "the heading is wrong",
         "a heading that agrees with the gyro and the course over ground",

@@ -45,6 +45,13 @@ class Depth(Event, frozen=True, gc=False):
     z_m: float
 
 
+class Pressure(Event, frozen=True, gc=False):
+    """What the barometer in the water feels, as metres of water; its zero is no surface."""
+
+    boot_s: float
+    z_m: float
+
+
 class DepthRate(Event, frozen=True, gc=False):
     """Depth rate in m/s, positive down."""
 
@@ -237,7 +244,7 @@ class Leak(Event, frozen=True, gc=False):
     """The autopilot's leak detector is wet."""
 
 
-SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, Range, ServoOutput})
+SAMPLES = frozenset({Attitude, Depth, DepthRate, Position, Pressure, Range, ServoOutput})
 """What comes tick after tick and tells of motion alone: for the estimator and the pre-dive list."""
 
 

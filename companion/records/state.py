@@ -9,11 +9,12 @@ from companion.records.dof import ZERO, Vector
 
 
 class FrameShift(msgspec.Struct, frozen=True):
-    """By how much the autopilot reset its estimate: yaw, clockwise, and horizontal position."""
+    """By how much the autopilot reset its estimate: yaw, clockwise, position, and depth."""
 
     turn_rad: float
     north_m: float
     east_m: float
+    down_m: float = 0.0
 
 
 class Ages(msgspec.Struct, frozen=True):
@@ -28,6 +29,7 @@ class Ages(msgspec.Struct, frozen=True):
     """The ground station's heartbeat."""
     yaw_reset_s: float = math.inf
     position_reset_s: float = math.inf
+    depth_reset_s: float = math.inf
     """Since the autopilot's estimate was last reset."""
 
 
@@ -148,6 +150,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     clock_doubt_s: float = 0.0
     """How long stamps and answers to TIMESYNC have kept contradicting each other; 0 where they do not."""
     frame_shift: FrameShift | None = None
+    depth_offset_m: float = 0.0
+    """How much deeper the autopilot's depth reads than `eta` (`estimation.frame`)."""
     stale: tuple[bool, bool, bool, bool] = (False, False, False, False)
     dead_motor: int = 0
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""

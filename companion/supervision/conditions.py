@@ -156,6 +156,7 @@ RULES: dict[Condition, Rule] = {
     C.POSITION_RESET: Rule(
         lambda now, _: now.observed.state.ages.position_reset_s <= RESET_SETTLE_S, warns=True
     ),
+    C.DEPTH_RESET: Rule(lambda now, _: now.observed.state.ages.depth_reset_s <= RESET_SETTLE_S, warns=True),
     C.HEADING_WRONG: Rule(lambda now, _: now.observed.state.heading_check.doubtful, warns=True),
     C.DEPTH_OUT_OF_BOUNDS: Rule(_out_of_bounds, ("max_depth_m", "depth_margin_m"), blocks=True),
     C.THRUSTER_MISSED: Rule(lambda now, _: now.observed.misses_motor, blocks=True),

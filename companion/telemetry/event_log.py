@@ -18,7 +18,7 @@ from companion.telemetry.glossary import (
 )
 from companion.telemetry.schemas import Event, printable
 
-RESETS = Condition.YAW_RESET | Condition.POSITION_RESET
+RESETS = Condition.YAW_RESET | Condition.POSITION_RESET | Condition.DEPTH_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
 
 
@@ -33,7 +33,7 @@ class EventLog:
         self._guided = (0, "")
         self._pending = ""
         self._resets = 0
-        self._turned_rad = 0.0
+        self._turned_rad = self._sunk_m = 0.0
 
     def step(
         self,
@@ -104,13 +104,16 @@ class EventLog:
         if shift is not None and sample.verdict.conditions & RESETS:
             self._resets += 1
             self._turned_rad += shift.turn_rad
+            self._sunk_m += shift.down_m
             if self._resets == 1:
                 happened.append(("warning", "condition", f"the EKF was reset: {_shift_words(shift)}"))
         elif self._resets and not sample.verdict.conditions & RESETS:
             if self._resets > 1:
-                text = f"{self._resets} resets of the EKF, yaw {math.degrees(self._turned_rad):+.1f}° in all"
+                parts = [f"yaw {math.degrees(self._turned_rad):+.1f}°"] if self._turned_rad else []
+                parts += [f"depth {self._sunk_m:+.2f} m"] if self._sunk_m else []
+                text = f"{self._resets} resets of the EKF, {', '.join(parts or ['position'])} in all"
                 happened.append(("warning", "condition", text))
-            self._resets, self._turned_rad = 0, 0.0
+            self._resets, self._turned_rad, self._sunk_m = 0, 0.0, 0.0
         return happened
 
 
@@ -129,5 +132,7 @@ def _motor(previous: int, now: int) -> tuple[Severity, Literal["condition"], str
 def _shift_words(shift: FrameShift) -> str:
     if shift.turn_rad:
         return f"yaw {math.degrees(shift.turn_rad):+.1f}°; the heading that is held turns with it"
+    if shift.down_m:
+        return f"the autopilot's depth {shift.down_m:+.2f} m; the depth here counts on as before"
     moved = f"position {shift.north_m:+.2f} m north, {shift.east_m:+.2f} m east"
     return f"{moved}; the place that is held moves with it"

@@ -340,7 +340,7 @@ FAULTS: dict[str, FaultSpec] = {
     "throttle gain changed": FaultSpec(_parameter("JS_THR_GAIN"), _never),
     "leak": FaultSpec(InSimulator("leak"), _after(RAMP_S + 2.0 * LATE_S)),
     "EKF lost": FaultSpec(InSimulator("ekf"), _after(RAMP_S + 0.6), (1.0, 3.0)),
-    "depth jumps": FaultSpec(InSimulator("depth_shifted"), _after(DEPTH_STALE_S), (1.0, 9.0)),
+    "depth jumps": FaultSpec(InSimulator("depth_shifted"), _never, (-9.0, 9.0)),
     "yaw reset": FaultSpec(InSimulator("yaw_reset"), _never, (-180.0, 180.0)),
     "position reset": FaultSpec(InSimulator("position_reset"), _never, (-9.0, 9.0)),
     "battery flat": FaultSpec(InSimulator("voltage"), _never, (6.0, 12.0)),

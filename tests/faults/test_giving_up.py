@@ -275,8 +275,15 @@ def test_a_low_battery_is_not_engaged_with():
     assert "a charged battery" in dive.step.sample.verdict.reason
 
 
+ALONE = ("SCALED_PRESSURE2", "VFR_HUD")
+"""Without these nothing but the depth tells whether it moved."""
+
+
 def test_a_single_depth_that_cannot_be_is_left_out():
     dive = active(seconds=6.0)
+    for message in ALONE:
+        dive.fault("message_stopped", message=message)
+    dive.run(1.5)
     dive.fault("depth_shifted", value=3.0)
     one = dive.run(0.06)
     dive.fault("depth_shifted", value=-3.0)
@@ -288,14 +295,21 @@ def test_a_single_depth_that_cannot_be_is_left_out():
     assert max(abs(step.truth.eta[2] - DEPTH_M) for step in steps) < 0.03
 
 
-def test_a_depth_that_jumped_for_good_is_no_fresh_depth():
+@pytest.mark.parametrize("shown_by_pressure", [False, True])
+def test_a_depth_that_jumped_for_good_is_no_fresh_depth(shown_by_pressure):
     dive = active(seconds=6.0)
+    for message in () if shown_by_pressure else ALONE:
+        dive.fault("message_stopped", message=message)
+    dive.run(1.5)
     since_s = dive.t_s
-    dive.fault("depth_shifted", value=3.0)
-    dive.run(0.7)
-    assert dive.state is State.FAULT
+    if shown_by_pressure:
+        x, y, z, *others = dive.vehicle.physics.state
+        dive.vehicle.physics.state = (x, y, z + 3.0, *others)
+    else:
+        dive.fault("depth_shifted", value=3.0)
+    dive.until(State.FAULT, 1.5 if shown_by_pressure else 0.7)
     assert "no fresh depth" in dive.step.sample.verdict.reason
-    assert dive.tap.last_thrust_s - since_s <= 0.6
+    assert dive.tap.last_thrust_s - since_s <= (1.3 if shown_by_pressure else 0.6)
     assert max(abs(axes[2]) for t_s, axes in dive.tap.frames if t_s > since_s) < 0.4
     dive.run(3.0)
     assert dive.step.sample.state.eta[2] - DEPTH_M > 2.0

@@ -4,9 +4,17 @@ from math import degrees, radians
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.control.bounds import wrap
-from companion.estimation.resets import POSITION_RESET_M, ResetDetector, position_resets, yaw_resets
+from companion.estimation.resets import (
+    POSITION_RESET_M,
+    DepthResets,
+    ResetDetector,
+    position_resets,
+    yaw_resets,
+)
 
 
 def resets(detector, samples):
@@ -106,3 +114,128 @@ def test_a_detector_that_is_restarted_knows_nothing():
     detector.step(0.0, 0.0, 0.0)
     detector.restart()
     assert detector.step(0.02, 5.0, 0.0) == 0.0
+
+
+DIVED_S, NOW_S = 24.0, 12.0
+STILL = (lambda t: 0.0 * t), (lambda t: 0.0 * t)
+RISING = (lambda t: -0.5 * t), (lambda t: -0.5 + 0.0 * t)
+WAVES = (lambda t: 0.3 * np.sin(1.57 * t)), (lambda t: 0.47 * np.cos(1.57 * t))
+
+
+def pull(t):
+    return np.clip(t - NOW_S, 0.0, 1.0)
+
+
+PULLED = (
+    (lambda t: 0.5 * pull(t) - np.sin(2.0 * np.pi * pull(t)) / (4.0 * np.pi)),
+    (lambda t: np.sin(np.pi * pull(t)) ** 2),
+)
+
+
+class Depths:
+    """A depth of 3 m and `motion` for DIVED_S, as an EKF or the raw barometer tells it: what is reset in all.
+
+    `zero` and `sensor` are functions of time: how far the zero of depth lies from the surface, and the sensor
+    in the water is off; `climb` is the error of the climb rate.
+    """
+
+    def __init__(self, motion=STILL, hz=50.0, pressure_hz=10.0, raw_m=0.0, seed=1, climbs=True, **errors):
+        self.rng = np.random.default_rng(seed)
+        self.hz, self.pressure_hz, self.raw_m, self.climbs = hz, pressure_hz, raw_m, climbs
+        self.moved, self.rate = motion
+        self.zero, self.sensor, self.climb, self.pressure = (
+            errors.get(name, lambda t: 0.0 * t) for name in ("zero", "sensor", "climb", "pressure")
+        )
+
+    def reset_m(self):
+        times = np.arange(0.0, DIVED_S, 1.0 / self.hz)
+        normal = self.rng.standard_normal
+        readings = self.raw_m * normal(int(10 * DIVED_S) + 2)
+        """The barometer's noise: ten new values a second."""
+        seen = np.round(10.0 * times - 0.5).astype(int)
+        error = readings[seen] if self.raw_m else 0.0005 * normal(len(times))
+        depth = 3.0 + self.moved(times - 0.012) + self.sensor(times) + self.zero(times) + error
+        rate = self.rate(times - 0.015) + 0.0008 * normal(len(times)) + self.climb(times)
+        resets, total, expected, pressure_s = DepthResets(), 0.0, 3.0, 0.0
+        for t, z, w, n in zip(times.tolist(), np.round(depth, 3).tolist(), rate.tolist(), seen, strict=True):
+            surprise = z - total - expected
+            total += resets.step(t, z, w if self.climbs else 0.0, surprise, climbs=self.climbs)
+            expected += w / self.hz + 0.15 * (z - total - expected)
+            if self.pressure_hz and t >= pressure_s:
+                pressure_s += 1.0 / self.pressure_hz
+                noise = readings[n] if self.raw_m else 0.003 * normal()
+                felt = 13.3 + self.moved(t - 0.065) + self.sensor(t - 0.065) + self.pressure(t) + noise
+                total += resets.pressed(t - 0.053, float(felt))
+        return total
+
+
+def step(size_m, lasts_s=1e-9, at_s=NOW_S + 0.003):
+    return lambda t: size_m * np.clip((t - at_s) / lasts_s, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("size_m", [0.05, -0.2, 0.4, 8.0])
+@pytest.mark.parametrize("motion", [STILL, RISING, WAVES, PULLED])
+@pytest.mark.parametrize("pressure_hz", [10.0, 2.0, 0.0])
+def test_a_zero_of_depth_that_moves_is_a_reset_of_that_size(size_m, motion, pressure_hz):
+    found = Depths(motion, pressure_hz=pressure_hz, zero=step(size_m)).reset_m()
+    assert found == pytest.approx(size_m, abs=0.015)
+
+
+@pytest.mark.parametrize(("size_m", "lasts_s"), [(0.1, 1.0), (-0.4, 1.0), (0.1, 0.5), (3.0, 1.0), (-8.0, 1.0)])
+@pytest.mark.parametrize("pressure_hz", [10.0, 2.0])
+def test_a_zero_that_moves_within_a_second_is_reset_but_for_centimetres(size_m, lasts_s, pressure_hz):
+    found = Depths(pressure_hz=pressure_hz, zero=step(size_m, lasts_s)).reset_m()
+    assert found == pytest.approx(size_m, abs=0.06)
+
+
+@pytest.mark.parametrize(("raw_m", "size_m"), [(0.003, 0.05), (0.003, -0.4), (0.012, 0.2), (0.012, 3.0)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_barometers_noise_is_no_reset_and_hides_none_that_is_much_larger(raw_m, size_m, seed):
+    assert abs(Depths(raw_m=raw_m, seed=seed).reset_m()) < 0.03
+    assert Depths(raw_m=raw_m, seed=seed, zero=step(size_m)).reset_m() == pytest.approx(size_m, abs=0.05)
+
+
+@pytest.mark.parametrize("pressure_hz", [10.0, 2.0])
+@pytest.mark.parametrize(
+    "dive",
+    [
+        {"motion": PULLED},
+        {"motion": PULLED, "climbs": False},
+        {"motion": WAVES, "climbs": False},
+        {"sensor": step(0.3)},
+        {"sensor": step(-3.0)},
+        {"sensor": step(0.4, 1.0)},
+        {"pressure": step(0.3)},
+        {"pressure": step(-3.0)},
+        {"climb": step(0.1)},
+        {"climb": step(-0.4)},
+        {"sensor": lambda t: 0.02 * t},
+        {"zero": lambda t: 0.005 * t},
+    ],
+    ids=str,
+)
+def test_what_pressure_shows_too_and_what_only_it_shows_is_none(dive, pressure_hz):
+    """Motion, also where the climb rate is unknown; a sensor that jumps; a climb rate or a zero that drifts."""
+    assert Depths(pressure_hz=pressure_hz, **dive).reset_m() == pytest.approx(0.0, abs=0.001)
+
+
+@pytest.mark.parametrize("size_m", [0.2, 3.0])
+def test_where_depth_alone_says_something_nothing_is_believed(size_m):
+    dive = {"climbs": False, "zero": step(size_m)}
+    assert Depths(pressure_hz=0.0, **dive).reset_m() == 0.0
+    assert Depths(pressure_hz=10.0, **dive).reset_m() == pytest.approx(size_m, abs=0.02)
+
+
+@given(
+    sizes=st.lists(st.floats(0.05, 8.0) | st.floats(-8.0, -0.05), min_size=1, max_size=6),
+    apart_s=st.floats(0.02, 1.5),
+    motion=st.sampled_from([STILL, RISING, WAVES]),
+    pressure_hz=st.sampled_from([10.0, 2.0, 0.0]),
+)
+@settings(max_examples=30, deadline=None)
+def test_any_sequence_of_resets_is_found_but_for_centimetres(sizes, apart_s, motion, pressure_hz):
+    def zero(t):
+        return sum(step(size, at_s=10.0 + n * apart_s)(t) for n, size in enumerate(sizes))
+
+    found = Depths(motion, pressure_hz=pressure_hz, zero=zero).reset_m()
+    assert found == pytest.approx(sum(sizes), abs=0.05)
