@@ -128,7 +128,7 @@ class DepthResets:
         self._usual_m = math.nan
         """Of depth minus the pressure's."""
         self._peak_m = self._wander_m = 0.0
-        """How far the difference has gone from its usual value since it was there last, and goes and returns."""
+        """How far the difference has gone since it was the usual one, and how far it goes and returns."""
 
     def step(self, at_s: float, depth_m: float, rate_mps: float, surprise_m: float, *, climbs: bool) -> float:
         """Take a depth as `ResetDetector.step` does; return the reset it shows (m), or 0.
@@ -151,7 +151,7 @@ class DepthResets:
         return 0.0
 
     def pressed(self, at_s: float, depth_m: float) -> float:
-        """Take the pressure's depth that was true at `at_s`; return what it shows of a reset, or takes back."""
+        """Take the pressure's depth that was true at `at_s`; return the reset it shows, or takes back."""
         gap_s = max(at_s - self._pressure_s, 0.0)
         self._pressure_s = at_s
         self._wander_m *= math.exp(-gap_s / WANDER_LASTS_S)

@@ -149,8 +149,8 @@ class Decoder:
     depth_source   "relative_alt" GLOBAL_POSITION_INT.relative_alt;
                    "pressure" the pressure against BAROn_GND_PRESS
 
-    Pressure is that SCALED_PRESSURE which BARO_PRIMARY names, in water of BARO_SPEC_GRAV: there is none before
-    `parameters` has them.
+    The pressure is that SCALED_PRESSURE which BARO_PRIMARY names, in water of BARO_SPEC_GRAV; there is none
+    before `parameters` has them.
     """
 
     def __init__(

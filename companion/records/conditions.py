@@ -176,11 +176,9 @@ class Condition(IntFlag):
         "the autopilot's zero of depth moved",
         "a steady zero of the autopilot's depth",
         "the autopilot's zero of depth is steady",
-        "less than 3 s ago, as when home or origin is set: the depth jumped, and climb rate, pressure and "
-        "prediction show no motion. Depth counts on from the surface as it was known, so the vehicle does not "
-        "move",
-        "read the depth here: the ground station's differs by what the event says; set home and origin at "
-        "the surface",
+        "less than 3 s ago, as where home or origin is set: its depth jumped, and neither climb rate nor "
+        "pressure shows a motion. Depth counts on from the surface that was known, so the vehicle stays",
+        "read the depth here, the ground station's differs; set home and origin at the surface",
     )
     HEADING_WRONG = (
         "the heading is wrong",

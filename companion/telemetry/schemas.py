@@ -99,6 +99,9 @@ class State(Record, frozen=True, kw_only=True):
     )
     current_doubt_mps: Annotated[float, field("its standard deviation", "state.current.doubt_mps")] = 0.0
     altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
+    depth_offset_m: Annotated[
+        float, field("how much deeper the autopilot says that it is, whose zero of depth moved")
+    ] = 0.0
     altitude_desired_m: Annotated[
         float, field("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
     ] = 0.0

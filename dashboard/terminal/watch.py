@@ -172,6 +172,8 @@ def _banner(feed: Feed, connect: str) -> RenderableType:
                 f"{state.pilot_gain:.0%}" if known else _DASH,
             )
         )
+    if state and round(state.depth_offset_m, 2):
+        lines.append(Text(f"the autopilot's depth, whose zero moved, is {state.depth_offset_m:+.2f} m off"))
     return Group(*lines)
 
 

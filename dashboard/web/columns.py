@@ -9,7 +9,7 @@ from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, Sta
 _STATE = (
     *("x_m", "y_m", "depth_m", "heading_rad"),
     *("x_desired_m", "y_desired_m", "depth_desired_m", "heading_desired_rad"),
-    *("roll_rad", "pitch_rad", "roll_desired_rad", "pitch_desired_rad", "voltage_v"),
+    *("roll_rad", "pitch_rad", "roll_desired_rad", "pitch_desired_rad", "voltage_v", "depth_offset_m"),
     *("current_north_mps", "current_east_mps", "current_doubt_mps"),
 )
 _DOF = (

@@ -181,7 +181,7 @@ def test_a_zero_of_depth_that_moves_is_a_reset_of_that_size(size_m, motion, pres
     assert found == pytest.approx(size_m, abs=0.015)
 
 
-@pytest.mark.parametrize(("size_m", "lasts_s"), [(0.1, 1.0), (-0.4, 1.0), (0.1, 0.5), (3.0, 1.0), (-8.0, 1.0)])
+@pytest.mark.parametrize(("size_m", "lasts_s"), [(0.1, 1.0), (-0.4, 1.0), (0.1, 0.5), (-8.0, 1.0)])
 @pytest.mark.parametrize("pressure_hz", [10.0, 2.0])
 def test_a_zero_that_moves_within_a_second_is_reset_but_for_centimetres(size_m, lasts_s, pressure_hz):
     found = Depths(pressure_hz=pressure_hz, zero=step(size_m, lasts_s)).reset_m()
@@ -215,7 +215,7 @@ def test_a_barometers_noise_is_no_reset_and_hides_none_that_is_much_larger(raw_m
     ids=str,
 )
 def test_what_pressure_shows_too_and_what_only_it_shows_is_none(dive, pressure_hz):
-    """Motion, also where the climb rate is unknown; a sensor that jumps; a climb rate or a zero that drifts."""
+    """Motion, also without a climb rate; a sensor that jumps; a climb rate or a zero that drifts."""
     assert Depths(pressure_hz=pressure_hz, **dive).reset_m() == pytest.approx(0.0, abs=0.001)
 
 

@@ -78,6 +78,7 @@ ONLY_REPORTED = (
     C.CONFIG_CHANGED,
     C.YAW_RESET,
     C.POSITION_RESET,
+    C.DEPTH_RESET,
     C.PEER_CHANGED,
     C.GROUND_LOST,
     C.GROUND_DOUBTED,
@@ -456,6 +457,7 @@ SEEN = [
     (structs.replace(RESTING, depth_refused=True), {}, C.DEPTH_JUMPED),
     (aged(yaw_reset_s=RESET_SETTLE_S), {}, C.YAW_RESET),
     (aged(position_reset_s=RESET_SETTLE_S), {}, C.POSITION_RESET),
+    (aged(depth_reset_s=RESET_SETTLE_S), {}, C.DEPTH_RESET),
     (aged(yaw_reset_s=RESET_SETTLE_S + 0.1, position_reset_s=RESET_SETTLE_S + 0.1), {}, NOTHING),
     (delayed(LIMITS.max_delay_s + 0.001), {}, C.DELAY_TOO_LONG),
     (structs.replace(RESTING, clock_doubt_s=0.02), {}, C.CLOCK_JUMPED),
@@ -585,7 +587,7 @@ def put(value, path, number):
     return structs.replace(value, **{key: put(getattr(value, key), rest, number)})
 
 
-AGES_OF_EVENTS = {"yaw_reset_s", "position_reset_s"}
+AGES_OF_EVENTS = {"yaw_reset_s", "position_reset_s", "depth_reset_s"}
 """An age that is not known says that the event never was."""
 
 

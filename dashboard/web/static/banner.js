@@ -24,6 +24,8 @@ export class Banner {
     say($("state"), stale ? WORDS.NO_DATA : lost ? WORDS.LINK_LOST : name);
     say($("meaning"), stale ? (supervisor ? `was ${name}` : "") : lost ? name : status.holder);
     tile("depth", store, ["depth_m", "depth_desired_m", "z.engaged", "z.e"], (metres) => `${metres.toFixed(2).replace(/^-0.00$/, "0.00")} m`, (e) => `${signed(1e3 * e, 0)} mm`);
+    const offset = store?.value("depth_offset_m") ?? 0;
+    say($("depth-name"), Math.abs(offset) >= 0.01 ? `Depth (autopilot ${signed(offset, 2)} m)` : "Depth");
     tile("heading", store, ["heading_rad", "heading_desired_rad", "psi.engaged", "psi.e"], compass, (e) => `${signed(DEG * e, 1)}°`);
     const [reason, advice] = stale ? silence(link) : [supervisor.reason, [status.advice, status.pending].filter(Boolean).map(sentence).join(" ")];
     prose($("reason"), reason);
