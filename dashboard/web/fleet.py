@@ -22,6 +22,8 @@ ROWS = round(HISTORY_S * 50.0)
 EVENTS = 200
 MOST_VEHICLES = 32
 RECORDER_SILENT_S = 3.0
+DIVING_M = 0.5
+"""Time that is spent deeper than this is dive time."""
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
 
@@ -64,6 +66,8 @@ class VehicleHistory:
         self._model: dict[str, dict[str, float | None]] = {}
         self.plan: Plan | None = None
         self._recorder_heard_s = -math.inf
+        self.deepest_m = self.dive_s = 0.0
+        """Since the companion started, or the page's server if that came later."""
         self._truths: deque[TrueDisturbance] = deque(maxlen=_TRUTHS)
 
     def take(self, record: Schema, now_s: float) -> None:
@@ -91,6 +95,8 @@ class VehicleHistory:
             self._restart()
         self._t_s = max(self._t_s, record.t_s)
         self._heard_s = now_s
+        if isinstance(record, State) and "depth_m" not in record.absent:
+            self._dive(record)
         if record.t_s != self._row_t_s:
             self._flush()
             self._row_t_s = record.t_s
@@ -104,6 +110,12 @@ class VehicleHistory:
             self._true(record.boot_s)
             self._flush()
             self._lag_s = self._lag.add(record.t_s, now_s)
+
+    def _dive(self, state: State) -> None:
+        before = self.get(State)
+        self.deepest_m = max(self.deepest_m, state.depth_m)
+        if before is not None and state.depth_m > DIVING_M:
+            self.dive_s += min(max(state.t_s - before.t_s, 0.0), _RESTART_S)
 
     def take_truth(self, truth: TrueDisturbance) -> None:
         """Take a sample of the simulator's."""
@@ -167,6 +179,8 @@ class VehicleHistory:
             ),
             "advice": on_page(supervisor.remedy) if supervisor else "",
             "pilot_gain": state.pilot_gain if state else None,
+            "deepest_m": self.deepest_m,
+            "dive_s": self.dive_s,
             "dead_motor": state.dead_motor if state else 0,
             "guidance": guidance,
             "path_progress_m": state.path_progress_m if state else 0.0,
@@ -205,6 +219,7 @@ class VehicleHistory:
         self._t_s = -math.inf
         self._lag, self._lag_s = Lag(), 0.0
         self._model, self.plan = {}, None
+        self.deepest_m = self.dive_s = 0.0
         self.config, self.config_version = None, self.config_version + 1
 
 

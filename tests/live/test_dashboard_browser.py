@@ -90,6 +90,12 @@ PURE: list[tuple[str, str, Any]] = [
     ),
     (
         "words",
+        "m.collapsed([{t_s: 1, kind: 'a', text: 'armed'}, {t_s: 1, kind: 'a', text: 'engaged'}], {}, {})"
+        ".map(m.rowText)",
+        ["Engaged", "Armed"],  # the newest first
+    ),
+    (
+        "words",
         "m.collapsed([{t_s: 1, kind: 'state', text: 'ACTIVE: engaged'}], {ACTIVE: 'holding'}, {})"
         ".map(m.rowText)",
         ["Holding: engaged"],
@@ -447,6 +453,8 @@ def test_the_pilot_moves_releases_and_engages(dive: Dive, opened: Callable[..., 
     page.locator("#go").click()
     assert page.locator("#goto-x_m").is_disabled()  # there is no position
     page.locator("#goto").get_by_text("a place").click()
+    page.locator("#goto-go").click()
+    _wait(page, "document.querySelector('.needs').textContent.startsWith('Nothing is given')")
     page.locator("#goto-depth_m").fill("1.2")
     page.locator("#goto-go").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")
@@ -482,6 +490,8 @@ def test_release_is_one_tap_in_every_state(opened: Callable[..., Page]) -> None:
         assert _get(page, f"{fed}, document.querySelector('#clear').checkVisibility()") == (state == "FAULT")
         offered = _get(page, f"{fed}, document.querySelector('#engage').matches('.primary:enabled')")
         assert offered == (state in ("READY", "PILOT"))
+        loud = _get(page, f"{fed}, document.querySelector('.primary:enabled, .danger:enabled').id")
+        assert loud == {"READY": "engage", "PILOT": "engage", "FAULT": "clear"}.get(state, "release")
 
 
 def test_what_is_not_held_now_covers_no_curve(dive: Dive, opened: Callable[..., Page]) -> None:
@@ -565,7 +575,7 @@ def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callabl
 
 
 def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:
-    page = opened()
+    page = opened(f"/#token={TOKEN}")
     _watch_stale(page)
     dive.companion.kill()
     dive.companion.wait()
@@ -577,6 +587,7 @@ def test_a_dead_companion_is_seen_and_a_new_one_found(dive: Dive, opened: Callab
     assert "disarms 3 s after the last frame" in (page.locator("#advice").text_content() or "")
     assert page.locator("#fact-armed").text_content() == "was ARMED"
     assert (page.locator("#fact-age").text_content() or "").startswith("STALE")
+    assert [page.locator(f"#{name}").is_disabled() for name in ("engage", "hold", "wait", "go")] == [True] * 4
     dive.start_companion()
     _fresh(page)
     _active(dive, page)

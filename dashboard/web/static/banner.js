@@ -1,7 +1,7 @@
 // The strip at the top: state, depth, heading, faults, what to do, and the age of the data.
 import { $, mark, prose, say } from "./dom.js";
 import { MODES, WORDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
-import { ageText, bytesText, sentence } from "./words.js";
+import { ageText, bytesText, durationText, sentence } from "./words.js";
 
 export const STALE_S = 0.5;
 const DEG = 180 / Math.PI;
@@ -40,6 +40,8 @@ export class Banner {
     fact("fact-age", stale ? `STALE ${ageText(age)}` : ageText(age), stale ? "bad" : "");
     const volts = store?.value("voltage_v");
     say($("fact-battery"), Number.isFinite(volts) ? `${volts.toFixed(1)} V` : "–");
+    say($("fact-deepest"), status?.deepest_m > 0 ? `${status.deepest_m.toFixed(1)} m` : "–");
+    say($("fact-dive"), status?.dive_s > 0 ? durationText(status.dive_s) : "–");
     const recorder = status?.recorder;
     const text = !recorder ? "off" : recorder.recording ? `REC ${bytesText(recorder.size_bytes)}` : recorder.said || "stopped";
     fact("fact-recording", text, recorder?.recording ? (recorder.dropped + recorder.lost ? "warn" : "rec") : recorder ? "warn" : "");

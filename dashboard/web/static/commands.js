@@ -41,6 +41,13 @@ export class Commands extends EventTarget {
     this.refresh();
   }
 
+  // No tick has come lately: what steers the vehicle cannot work, and Release is tried all the same.
+  hear(silent) {
+    if (silent === this.silent) return;
+    this.silent = silent;
+    this.refresh();
+  }
+
   // Commands can be given.
   get open() {
     return this.allowed && this.unlocked;
@@ -60,16 +67,19 @@ export class Commands extends EventTarget {
   }
 
   refresh() {
-    const { open, status } = this;
+    const { status } = this;
+    const open = this.open && !this.silent;
     const { guidance, recorder, supervisor } = status ?? {};
     const state = supervisor?.state;
     const paused = guidance === "paused" || (guidance === "hold" && status.path_left_m !== 0);
-    mark($("commands"), "lock", !this.allowed ? "read-only" : open ? "open" : "locked");
-    $("release").disabled = !open;
+    mark($("commands"), "lock", !this.allowed ? "read-only" : this.open ? "open" : "locked");
+    $("release").disabled = !this.open;
     $("engage").hidden = state === "FAULT";
     $("clear").hidden = state !== "FAULT";
     $("clear").disabled = !open;
     $("engage").disabled = !open || state === "ACTIVE";
+    $("clear").classList.toggle("primary", state === "FAULT");
+    $("release").classList.toggle("danger", open && state !== "FAULT");
     $("engage").classList.toggle("primary", state === "READY" || state === "PILOT");
     $("hold").disabled = !open || state !== "ACTIVE";
     $("go").disabled = !open || !state;
@@ -100,7 +110,7 @@ export class Commands extends EventTarget {
     this.needs = el("p", { class: "needs" });
     $("goto").append(el("h2", {}, "Go to"), el("form", { onsubmit: (event) => this.goto(event) },
       el("div", { class: "frames", role: "radiogroup", "aria-label": "counted from" }, frame("body", "from here"), frame("local", "a place")),
-      el("div", { class: "places" }, ...this.fields.map(({ node }) => node)), this.needs,
+      el("div", { class: "places", oninput: () => mark(this.needs, "level", "") }, ...this.fields.map(({ node }) => node)), this.needs,
       el("div", { class: "row" }, el("button", { type: "button", id: "goto-close", onclick: () => $("goto").close() }, "Close"), el("button", { class: "primary", id: "goto-go" }, "Go"))));
     this.count("body");
   }
@@ -118,7 +128,8 @@ export class Commands extends EventTarget {
 
   positioned(known) {
     for (const { name, input } of this.fields.slice(0, 2)) input.disabled = !known;
-    say(this.needs, known ? "What is left empty stays." : "What is left empty stays. Without a position source, such as a DVL, only depth and heading can be given.");
+    const rule = this.needs.dataset.level === "bad" ? "Nothing is given: write at least one number." : "What is left empty stays.";
+    say(this.needs, known ? rule : `${rule} Without a position source, such as a DVL, only depth and heading can be given.`);
   }
 
   openGoto() {
@@ -129,7 +140,8 @@ export class Commands extends EventTarget {
   async goto(event) {
     event.preventDefault();
     const given = this.fields.filter(({ input }) => input.value !== "" && !input.disabled);
-    if (!given.length) return void this.tell("Give at least one number.", true);
+    mark(this.needs, "level", given.length ? "" : "bad");
+    if (!given.length) return;
     const reply = await this.send("goto", { frame: this.frame, ...Object.fromEntries(given.map(({ name, input }) => [name, Number(input.value)])) });
     if (reply.done) $("goto").close();
   }

@@ -1,5 +1,5 @@
 // The page: stores what arrives, draws it, and handles the keys.
-import { Banner } from "./banner.js";
+import { Banner, STALE_S } from "./banner.js";
 import { Commands } from "./commands.js";
 import { $, colours, el, mark, readColours, say } from "./dom.js";
 import { Events, Model } from "./events.js";
@@ -313,6 +313,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
 new ResizeObserver(() => { drawn = false; dirty = true; }).observe($("board"));
 setInterval(() => {
   banner.show(link, store);
+  commands.hear(!(link.age <= STALE_S));
   commands.positioned(Number.isFinite(store?.value("x_m")));
 }, 100);
 controls();

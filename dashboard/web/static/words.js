@@ -21,7 +21,7 @@ export function leftText({ path_left_m: metres, path_left_s: seconds } = {}) {
   return metres > 0 || seconds > 0 ? `${metres.toFixed(1)} m, about ${durationText(seconds)} left` : "";
 }
 
-function durationText(seconds) {
+export function durationText(seconds) {
   if (seconds < 99.5) return `${Math.round(seconds)} s`;
   const minutes = Math.round(seconds / 60);
   return minutes < 100 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
@@ -54,7 +54,7 @@ export function collapsed(events, states, ended) {
       newest.set(key, fresh);
     }
   }
-  return rows.sort((one, other) => other.t - one.t);
+  return rows.reverse().sort((one, other) => other.t - one.t); // those of one time too
 }
 
 export function rowText({ words, count, t, until }) {
