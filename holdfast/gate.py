@@ -9,6 +9,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from holdfast import RefusedError
+
 MEMORY_BYTES: Final = 2 << 30
 """Of data; the libraries and the stacks of their threads take up to a quarter of it."""
 START_S, BYTES_PER_S = 20, 100_000
@@ -30,8 +32,8 @@ def bounded(
     With `progress` it takes, last, a function to which it reports the share that is done.
 
     `files` are those that it reads. `read` is a function of a module, and what it takes and returns can be
-    pickled. Raises what it raises where that is a ValueError or an OSError, and ValueError, in words, for
-    everything else that a file makes it do.
+    pickled. Raises what it raises where that is a ValueError, OSError or RefusedError, and ValueError, in
+    words, for everything else that a file makes it do.
     """
     name = ", ".join(map(str, files))
     seconds = START_S + sum(file.stat().st_size for file in files) // BYTES_PER_S
@@ -77,10 +79,10 @@ def _serve(
 
 
 def answer(read: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
-    """Return ("read", what was read), or ("error", the ValueError or OSError that says why not)."""
+    """Return ("read", what was read), or ("error", what says why not)."""
     try:
         return "read", read(*arguments)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RefusedError) as error:
         return "error", error
     except MemoryError:
         most = MEMORY_BYTES >> 20
