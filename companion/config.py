@@ -208,7 +208,7 @@ class Axis(AxisModel, frozen=True):
         means("0.5 m/s of current is 42 N from ahead, 54 N from the side; more pitches it", unit="N or N·m"),
     ] = 50.0
     position_noise: Annotated[
-        ranges.Noise, means("of the position, from sample to sample", unit="m or rad")
+        ranges.Noise, means("of the position, white; depth and heading may show more", unit="m or rad")
     ] = 0.005
     rate_noise: Annotated[ranges.Noise, means("of the rate, from sample to sample", unit="m/s or rad/s")] = (
         0.005

@@ -28,7 +28,7 @@ from companion.core.tick import (
 )
 from companion.estimation import observers
 from companion.estimation.observers import Inputs
-from companion.estimation.parameters import tables_in_steps
+from companion.estimation.parameters import noise_of, tables_in_steps, with_noise
 from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
@@ -64,7 +64,7 @@ from companion.records import (
     Wrench,
     X,
 )
-from companion.steps import Steps
+from companion.steps import Steps, Task
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
@@ -72,6 +72,9 @@ from companion.telemetry import schemas
 from companion.telemetry.conditions import Details
 
 MAX_DT_TICKS = 3.0
+REDESIGN_COST = 16
+"""Of a tick, in units of `Steps`: one row of a table of Kalman gains."""
+
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 
 
@@ -105,6 +108,9 @@ class Engine:
         self.memory = start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
         self._outside = Outside(Engine._permit, Engine._guide, Engine._send, self)
+        self._noise = noise_of(config)
+        """For which the Kalman gains are."""
+        self._redesign: tuple[tuple[float, float], Task[None]] | None = None
         self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)
         self._sent = NEUTRAL
@@ -142,6 +148,7 @@ class Engine:
         dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
         control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
         self._last_s = now_s
+        self._follow_noise()
         heard = self._autopilot.receive(datagrams)
         pilots, others = self._autopilot.without_others(ground)
         events = self.events = [*heard, *others, *pilot_events(pilots, self._autopilot.origin)]
@@ -270,7 +277,10 @@ class Engine:
 
     def preparing(self, config: Config) -> Steps[None]:
         """Do beforehand, in steps, what takes long of a `retune`: the Kalman gains of axes that change."""
-        for dof, (axis, wanted) in enumerate(zip(self._config.axes, config.axes, strict=True)):
+        yield from self._designing(self._as_measured(self._config), self._as_measured(config))
+
+    def _designing(self, old: Config, config: Config) -> Steps[None]:
+        for dof, (axis, wanted) in enumerate(zip(old.axes, config.axes, strict=True)):
             if axis != wanted:
                 yield from tables_in_steps(config, assembly.model(config), dof)
 
@@ -285,14 +295,35 @@ class Engine:
         self._guidance.refuse(config)
         assembly.refuse_fast_gains(config, self._delay_s, self._config)
         if changed - {"supervisor"}:
-            parameters = assembly.parameters(config)
+            measured = self._as_measured(config)
+            parameters = assembly.parameters(measured)
             self.memory = retuned(self.parameters, parameters, self.memory, self.outputs)
             self.parameters = parameters
             self._estimator.retune(config, parameters.control.model)
+            self._noise, self._redesign = noise_of(measured), None
         self._supervision.retune(config, changed=bool(changed))
         self._estimator.limit(config.supervisor)
         self._guidance.retune(config)
         self._config = config
+
+    def _as_measured(self, config: Config) -> Config:
+        """Return a configuration with the noise of the gains, unless it changes the noise itself."""
+        return with_noise(config, *self._noise) if noise_of(config) == noise_of(self._config) else config
+
+    def _follow_noise(self) -> None:
+        """Make the Kalman gains those of the noise that depth and heading show, a part of them a tick."""
+        noise = self._estimator.noise
+        if noise == self._noise:
+            self._redesign = None
+            return
+        noisy = with_noise(self._config, *noise)
+        if self._redesign is None or self._redesign[0] != noise:
+            self._redesign = (noise, Task(self._designing(self._as_measured(self._config), noisy)))
+        if self._redesign[1].advance(REDESIGN_COST):
+            designed = assembly.observers(noisy)
+            self.parameters = self.parameters._replace(observers=designed)
+            self.memory = self.memory._replace(observed=observers.retuned(designed, self.memory.observed))
+            self._noise, self._redesign = noise, None
 
     def _take(
         self, now_s: float, events: Sequence[Event], requests: Sequence[Request]

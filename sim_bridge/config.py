@@ -293,6 +293,8 @@ class SensorConfig(_Record, frozen=True):
     accel_white_m_s2: NonNegative = 0.004
     pressure_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.065
     pressure_white_m: NonNegative = 0.003
+    barometer_without_home: bool = False
+    """As in ArduSub 4.5, relative_alt is the pressure's until there is a home; here the origin brings it."""
     wave_pressure: bool = False
     """Whether the depth sensor feels the pressure of the waves themselves."""
     dvl: bool = False

@@ -20,6 +20,7 @@ from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
 from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
+from companion.estimation.parameters import noise_of
 from companion.estimation.resets import (
     MAX_GAP_S,
     POSITION_WARNED_M,
@@ -27,6 +28,7 @@ from companion.estimation.resets import (
     position_resets,
     yaw_resets,
 )
+from companion.estimation.sample_meter import RAW_LATER_S, SampleMeter
 from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
@@ -68,9 +70,6 @@ JUMP_BELIEVED_S = 2.0
 ARMING_S = 0.5
 """So soon after arming the zero of depth is the autopilot's, which sets it then."""
 
-PRESSURE_LATER_S = 0.053
-"""How much older than relative_alt a pressure is (docs/ardusub.md, "Telemetry")."""
-
 MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 
@@ -86,10 +85,10 @@ class Estimator:
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
-        is_pressure = config.vehicle.depth_source == "pressure"
-        self._depth_later_s = PRESSURE_LATER_S if is_pressure else 0.0
-        self._pressure_later_s = PRESSURE_LATER_S - self._depth_later_s
+        self._depth_later_s = RAW_LATER_S if config.vehicle.depth_source == "pressure" else 0.0
+        self._pressure_later_s = RAW_LATER_S - self._depth_later_s
         self._hidden_s = 0.0
+        self._configured = (math.nan, math.nan)
         self.frame = Frame()
         """Where the EKF's frame lies, as seen from the one in which `state` and the observers' memory are."""
         self._held = False
@@ -121,6 +120,11 @@ class Estimator:
         """Go on from the present estimate with another model, other noises and sensor delays."""
         self._sensor_delay_s = vector([axis.sensor_delay_s for axis in config.axes])
         self._model = model
+        configured = noise_of(config)
+        if configured != self._configured:
+            self._configured = configured
+            self._depths = SampleMeter(configured[0], self._depth_later_s, angular=False)
+            self._headings = SampleMeter(configured[1], 0.0, angular=True)
 
     def limit(self, limits: SupervisorLimits) -> None:
         """Take what the supervisor's configuration says of jumps and ages."""
@@ -292,6 +296,11 @@ class Estimator:
             heading_check=heading_check,
         )
 
+    @property
+    def noise(self) -> tuple[float, float]:
+        """The white noise of depth (m) and heading (rad) that they show, at least the configured one."""
+        return self._depths.noise, self._headings.noise
+
     def trust_heading(self) -> None:
         """Forget what was told of the heading: the operator engages again."""
         self._heading_watch.restart()
@@ -322,8 +331,14 @@ class Estimator:
         meter.stamped(event.t_s, event.boot_s)
         return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
 
-    def _position(self, dof: int, value: float, t_s: float, at_s: float) -> None:
-        """Keep a position sample. What was not measured for long begins again; x, y after their timeout."""
+    def _position(self, dof: int, value: float | None, t_s: float, at_s: float) -> None:
+        """Keep a position sample; None repeats one, which is no silence and shows nothing new.
+
+        What was not measured for long begins again; x, y after their timeout.
+        """
+        if value is None:
+            self._measured_t_s[dof] = t_s
+            return
         most_s = self._timeout_s[dof] if dof in (X, Y) else min(MAX_GAP_S, self._timeout_s[dof])
         if t_s - self._measured_t_s[dof] > most_s:
             self._begins[dof] = value
@@ -359,11 +374,13 @@ class Estimator:
             north_m = self._x_resets.extrapolated(event.boot_s)
             east_m = self._y_resets.extrapolated(event.boot_s)
             self.frame = self.frame.turned(turn_rad, north_m, east_m)
-        self._position(PSI, self.frame.settled.heading_inside(event.yaw), event.t_s, at_s)
+        self._headings.rate(at_s, heading_rate)
+        psi = self._headings.position(at_s, self.frame.settled.heading_inside(event.yaw))
+        self._position(PSI, psi, event.t_s, at_s)
         self._rate(PSI, heading_rate, at_s)
 
     def _on_depth(self, event: Depth) -> None:
-        at_s = self._sampled(event, Z) - self._depth_later_s - self._hidden_s
+        at_s = self._sampled(event, Z)
         if event.boot_s is not None:
             climbs = event.t_s - self._sink_t_s <= MAX_GAP_S
             sink_mps = self._sink_mps if climbs else self._expected_sink_mps
@@ -380,7 +397,7 @@ class Estimator:
             self._depth_refused = self._refusing = True
             return
         self._refusing = False
-        self._position(Z, z_m, event.t_s, at_s)
+        self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: Pressure) -> None:
         reset_m = self._depth_resets.pressed(event.boot_s - self._pressure_later_s, event.z_m)
@@ -402,8 +419,9 @@ class Estimator:
 
     def _on_depth_rate(self, event: DepthRate) -> None:
         self._sink_mps, self._sink_t_s = event.w_mps, event.t_s
-        at_s = self._sampled(event, Z) - self._hidden_s
-        self._rate(Z, event.w_mps, at_s)
+        at_s = self._sampled(event, Z)
+        self._depths.rate(at_s, event.w_mps)
+        self._rate(Z, event.w_mps, at_s - self._hidden_s)
 
     def _on_position(self, event: Position) -> None:
         at_s = self._sampled(event, X)

@@ -1,5 +1,7 @@
 """What the configuration says to the observers and to the watch over the thrusters."""
 
+from msgspec.structs import replace
+
 from companion.config import Config
 from companion.control.allocation import Thrusters
 from companion.control.positioning import Model
@@ -74,6 +76,19 @@ def _vehicle(
     drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
     noises = noise(config, dof, disturbance)
     return model.m[dof], drag, config.thrusters.lag_s, noises, 1.0 / config.loop.rate_hz
+
+
+def noise_of(config: Config) -> tuple[float, float]:
+    """Return the white noise of depth (m) and heading (rad)."""
+    return config.heave.position_noise, config.yaw.position_noise
+
+
+def with_noise(config: Config, depth: float, heading: float) -> Config:
+    """Return the configuration with other white noise of depth (m) and heading (rad)."""
+    heave, yaw = config.heave, config.yaw
+    return replace(
+        config, heave=replace(heave, position_noise=depth), yaw=replace(yaw, position_noise=heading)
+    )
 
 
 def noise(config: Config, dof: int, disturbance: float) -> Noise:

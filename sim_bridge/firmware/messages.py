@@ -81,7 +81,9 @@ def _vfr_hud(s: "Autopilot") -> Message:
 
 def _global_position_int(s: "Autopilot") -> Message:
     e = s.estimate()
-    heights = (int32(_absolute_m(s) * 1000), int32(-e.depth_m * 1000))
+    homeless = s.origin is None and s.sensors.barometer_without_home
+    relative_m = e.raw_altitude_m if homeless else -e.depth_m
+    heights = (int32(_absolute_m(s) * 1000), int32(relative_m * 1000))
     speeds = (int16(speed * 100) for speed in (*e.position[2:], -e.climb_m_s))
     return mavlink.MAVLink_global_position_int_message(
         s.boot_ms, *place(s), *heights, *speeds, heading_cdeg(e.yaw)

@@ -215,6 +215,11 @@ class Sensors:
         return self._errors is not None and self._errors.aided
 
     @property
+    def barometer_without_home(self) -> bool:
+        """Whether relative_alt is the pressure's until there is a home."""
+        return self._config.barometer_without_home
+
+    @property
     def dead_reckons(self) -> bool:
         """Whether the EKF gets velocities and no position."""
         return self._config.dvl_by_mavlink and not self._config.usbl.enabled

@@ -70,6 +70,9 @@ def rms(x: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
+HOMELESS = ("sensors.barometer_without_home=true", "sensors.pressure_white_m=0.012")
+"""ArduSub 4.5 without a home: depth is the raw barometer, with the noise of the firmware's simulator."""
+
 CASES = {
     "calm water, across the wrap of the heading": Case(
         goal=(FREE, FREE, 3.0, -3.0),
@@ -120,6 +123,19 @@ CASES = {
         depth_peak_mm=30.0,
         heading_rms_deg=11.0,
         position_rms_m=0.9,
+    ),
+    "ArduSub 4.5 without a home, in waves": Case(
+        vehicle=("waves.enabled=true", *HOMELESS), depth_rms_mm=7.0, chatter_n=3.0
+    ),
+    "ArduSub 4.5 without a home, 50 ms more delay each way": Case(
+        vehicle=("waves.enabled=true", *HOMELESS),
+        link=LinkDelay(up_s=0.05, down_s=0.05),
+        depth_rms_mm=9.0,
+        depth_peak_mm=28.0,
+        chatter_n=4.5,
+    ),
+    "depth and heading with white noise": Case(
+        vehicle=("sensors.depth_white_m=0.01", "sensors.attitude_white_rad=0.006"), chatter_n=3.0
     ),
     "sea water read as fresh": Case(
         vehicle=("sensors.depth_scale=1.025",),
