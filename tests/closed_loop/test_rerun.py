@@ -223,7 +223,10 @@ def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(
 ) -> None:
     write(logged_dive(5.0), tmp_path / name)
     assert holdfast.main(["lab", "rerun", str(tmp_path / name)]) == 2
-    assert "`holdfast identify --from`" in capsys.readouterr().err
+    expected = (
+        f"{tmp_path / name}: is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
+    )
+    assert capsys.readouterr().err == f"holdfast lab rerun: {expected}\n"
 
 
 def test_the_command_is_read_from_the_bytes(dive: list[telemetry.Raw], tmp_path: Path) -> None:
