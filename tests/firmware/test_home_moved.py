@@ -1,5 +1,7 @@
 """Home and origin that are set in mid-dive: relative_alt of 4.5 is the barometer before, the EKF after."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -9,7 +11,7 @@ from companion.config import load_config
 from companion.engine import Engine
 from companion.records import Request, State
 from lab.loop.firmware import Firmware
-from lab.loop.lockstep import LinkDelay, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -34,10 +36,11 @@ def test_an_origin_and_homes_that_are_set_in_mid_dive_move_nothing(ardusub, afte
         f"initial.eta=[0,0,{DEPTH_M},0,0,0]",
         f"parameters.SIM_BARO_RND={noise_m}",
     )
-    config, steps, offsets_m = load_config(), [], []
+    config = load_config()
+    steps, offsets_m = list[Step](), list[float]()
     with Firmware(ardusub, load_plant(DEFAULT_CONFIG, sea), 1, surveyed=False) as vehicle:
         tap = Tap(Engine(config, hold(z=DEPTH_M), arm=True), config)
-        loop = Lockstep(vehicle, tap, LinkDelay(), 1, config.loop.rate_hz)
+        loop = Lockstep(vehicle, cast(Engine, tap), LinkDelay(), 1, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         before = list(loop.run(2.0 + after_s))
         for said in (origin(), home(0), home(-0.4), home(8), home(7.8)):
