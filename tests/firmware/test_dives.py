@@ -229,6 +229,17 @@ def test_a_link_that_is_cut_ends_in_silence_and_the_firmware_disarms(holding):
     assert not dive.step.truth.armed
 
 
+def test_a_link_that_pauses_is_ridden_out(holding):
+    dive = holding()
+    since_s, depth_m = dive.t_s, dive.step.truth.eta[2]
+    for seconds in (0.4, 0.9):
+        dive.fault("link_cut", seconds)
+        dive.run(8.0)
+    assert dive.states_since(since_s) == [State.ACTIVE]
+    assert dive.step.truth.armed
+    assert abs(dive.step.truth.eta[2] - depth_m) < 0.04
+
+
 def test_disarmed_by_somebody_it_stays_disarmed(holding):
     dive = holding()
     dive.fault("disarm")
