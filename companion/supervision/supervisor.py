@@ -112,8 +112,9 @@ class StateMachine:
         state, reason = (row.to, row.because) if row else (previous.state, self._reason)
         if state is State.ACTIVE:
             authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
-            authority = 0.0 if conditions & C.INTERRUPTED else authority
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
+            authority = 0.0
+        if conditions & C.INTERRUPTED:
             authority = 0.0
         if row:
             self._cause = row.when if len(row.when) == 1 and not row.when & UNSAID else NOTHING

@@ -204,8 +204,7 @@ def test_every_condition_alone_in_every_state(state, condition):
     assert verdict.conditions & condition == condition
     carries = expected in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
     surfaces = condition is C.FAILSAFE_SURFACES and expected is State.HAND_OVER
-    interrupted = condition is C.INTERRUPTED and expected is State.ACTIVE
-    rests = surfaces or interrupted
+    rests = surfaces or condition is C.INTERRUPTED
     assert (verdict.authority > 0.0) == (carries and not rests), "who surfaces gets no thrust of ours"
 
 
