@@ -212,7 +212,7 @@ def test_a_barometers_noise_is_no_reset_and_hides_none_that_is_much_larger(raw_m
         {"sensor": lambda t: 0.02 * t},
         {"zero": lambda t: 0.005 * t},
     ],
-    ids=str,
+    ids="+".join,
 )
 def test_what_pressure_shows_too_and_what_only_it_shows_is_none(dive, pressure_hz):
     """Motion, also without a climb rate; a sensor that jumps; a climb rate or a zero that drifts."""
