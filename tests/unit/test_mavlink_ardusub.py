@@ -24,6 +24,7 @@ from companion.records import (
     PilotInput,
     PilotToggle,
     Position,
+    Pressure,
     Range,
     ReceiverChannels,
     ServoOutput,
@@ -157,27 +158,39 @@ class TestSignsAndScales:
         """Of the barometer in the water, against the surface and the water that the autopilot knows."""
         reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
         decoder = Decoder(counters, depth_source="pressure", parameters=reported)
-        (event,) = convert(decoder, pressure(1000, 2000.0))
-        assert event == Depth(T, 1.0, about(1e5 / (9800 * 1.025)))
+        below_m, all_m = 1e5 / (9800 * 1.025), 2e5 / (9800 * 1.025)
+        felt = Pressure(T, 1.0, about(all_m))
+        assert convert(decoder, pressure(1000, 2000.0)) == (Depth(T, 1.0, about(below_m)), felt)
+        alone = Decoder(counters, parameters=reported)
+        assert convert(alone, pressure(1000, 2000.0)) == (felt,), "beside relative_alt"
         hull = mavlink.MAVLink_scaled_pressure_message(1010, 2100.0, 0.0, 0)
         assert convert(decoder, hull) == ()
         reported |= {"BARO_PRIMARY": 0.0, "BARO1_GND_PRESS": 1.1e5}
-        (event,) = convert(decoder, hull)
-        assert event.z_m == pytest.approx(1e5 / (9800 * 1.025))
+        event, _ = convert(decoder, hull)
+        assert event.z_m == pytest.approx(below_m)
 
     @pytest.mark.parametrize("unknown", range(3))
     def test_pressure_is_no_depth_before_the_autopilot_has_told_its_zero(self, counters, unknown):
         reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.025), strict=True))
         del reported[PRESSURE_PARAMETERS[unknown]]
         decoder = Decoder(counters, depth_source="pressure", parameters=reported)
-        assert convert(decoder, pressure(1000, 2000.0)) == ()
+        assert not any(isinstance(event, Depth) for event in convert(decoder, pressure(1000, 2000.0)))
+
+    @pytest.mark.parametrize("hpa", [NAN, INF, -INF, 3e38])
+    def test_an_absurd_pressure_is_none(self, counters, hpa):
+        reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
+        for source in ("relative_alt", "pressure"):
+            assert (
+                convert(Decoder(counters, depth_source=source, parameters=reported), pressure(1, hpa)) == ()
+            )
+        assert counters.implausible == 2
 
     def test_a_repeated_pressure_is_no_new_reading(self, counters):
         reported = dict(zip(PRESSURE_PARAMETERS, (1.0, 1e5, 1.0), strict=True))
         decoder = Decoder(counters, depth_source="pressure", parameters=reported)
         stamps = (1000, 1020, 1040, 1210, 1230)
         got = [len(convert(decoder, pressure(ms, 1500.0))) for ms in stamps]
-        assert got == [1, 0, 0, 1, 0]
+        assert got == [2, 0, 0, 2, 0]
 
     def test_position(self, decoder):
         message = mavlink.MAVLink_local_position_ned_message(3000, 1.0, -2.0, 9.0, 0.5, -0.25, 9.0)
