@@ -307,7 +307,7 @@ def test_a_depth_that_jumped_for_good_is_no_fresh_depth(shown_by_pressure):
         dive.vehicle.physics.state = (x, y, z + 3.0, *others)
     else:
         dive.fault("depth_shifted", value=3.0)
-    dive.until(State.FAULT, 1.5 if shown_by_pressure else 0.7)
+    dive.until(State.FAULT, 2.0 if shown_by_pressure else 1.3)
     assert "no fresh depth" in dive.step.sample.verdict.reason
     assert dive.tap.last_thrust_s - since_s <= (1.3 if shown_by_pressure else 0.6)
     assert max(abs(axes[2]) for t_s, axes in dive.tap.frames if t_s > since_s) < 0.4
