@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active, hold, message_id
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State, vector
+from companion.records import NEUTRAL, LoopHealth, Request, Setpoint, State, Z, vector
+from lab.loop.dive import SURVEYOR, send_origin
 from lab.studies.promises import steering
 
 HEALTH = LoopHealth(1, 50.0, 0.0, 0.0, 0, 0)
@@ -31,6 +33,23 @@ def test_nobody_heard_nobody_steered():
         assert all(steering(frame) is None for frame in out)
         assert sample.verdict.state is State.IDLE
         assert sample.command == NEUTRAL
+
+
+def test_the_kalman_gains_follow_the_noise_of_depth_through_a_retune_and_a_home_in_mid_dive():
+    dive = Dive("sensors.barometer_without_home=true", "sensors.pressure_white_m=0.012", engage=False)
+
+    def heave():
+        return dive.engine.parameters.observers.tables[Z]
+
+    configured = heave()
+    dive.run(12.0)
+    noisy, config = heave(), dive.engine.config
+    assert noisy.control[0].rows[12][0] < 0.3 * configured.control[0].rows[12][0]
+    dive.engine.retune(replace(config, heave=replace(config.heave, kappa_per_s=9.0)))
+    assert heave() == noisy
+    send_origin(dive.vehicle, SURVEYOR)
+    dive.run(35.0)
+    assert heave() == configured
 
 
 def boarded(*messages, after_s=2.5):

@@ -73,6 +73,21 @@ def test_it_holds_its_depth_to_what_the_sensor_shows(ardusub, name):
     assert math.degrees(recorded.heading_error_rad[held].std()) < 1.0
 
 
+@pytest.mark.parametrize(
+    ("name", "each_way_s", "most_mm", "most_n"),
+    [("calm", 0.0, 6.5, 3.0), ("waves", 0.0, 7.0, 3.0), ("path", 0.0, 7.5, 3.0), ("waves", 0.05, 9.0, 4.0)],
+)
+def test_it_holds_as_well_without_a_home_where_4_5_gives_the_raw_barometer(
+    ardusub, name, each_way_s, most_mm, most_n
+):
+    scenario = next(one for one in four(11, vary=lambda base, seed: base) if one.name == name)
+    plant = load_plant(DEFAULT_CONFIG, ("parameters.SIM_BARO_RND=0.02",))
+    link = LinkDelay(up_s=each_way_s, down_s=each_way_s) if each_way_s else LinkDelay()
+    figures = scenario_dive(scenario, load_config(), plant, link, firmware=ardusub).figures()
+    assert figures["depth_sd_mm"] < most_mm
+    assert figures["chatter_n"] < most_n
+
+
 def test_the_firmwares_own_vehicle_is_held_though_it_answers_so_strongly(holding):
     dive = holding(base="sim-ardusub.toml")
     dive.run(20.0)
