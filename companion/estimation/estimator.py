@@ -86,7 +86,6 @@ class Estimator:
         self._lead_s = config.thrusters.lead_s
         self._tick_s = 1.0 / config.loop.rate_hz
         self._depth_later_s = RAW_LATER_S if config.vehicle.depth_source == "pressure" else 0.0
-        self._pressure_later_s = RAW_LATER_S - self._depth_later_s
         self._hidden_s = 0.0
         self._configured = (math.nan, math.nan)
         self.frame = Frame()
@@ -400,7 +399,8 @@ class Estimator:
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: Pressure) -> None:
-        reset_m = self._depth_resets.pressed(event.boot_s - self._pressure_later_s, event.z_m)
+        later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
+        reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
         self._note_depth_reset(event.t_s, reset_m)
 
     def _note_depth_reset(self, t_s: float, down_m: float) -> None:
