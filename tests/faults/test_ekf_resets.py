@@ -402,7 +402,8 @@ def test_after_it_depths_are_below_the_surface_as_it_was_known(size_m):
     assert dive.step.truth.eta[2] == pytest.approx(2.0, abs=0.03)
 
 
-def test_the_operator_hears_by_how_much_the_ground_stations_depth_differs():
+@pytest.mark.parametrize("end", ["disarm", "reboot"])
+def test_the_operator_hears_by_how_much_the_ground_stations_depth_differs(end):
     dive, log = active(*QUIET, seconds=6.0), EventLog()
     dive.fault("depth_shifted", value=-0.4)
     texts = [event.text for step in dive.run(0.5) for event in log.step(step.sample)]
@@ -413,8 +414,8 @@ def test_the_operator_hears_by_how_much_the_ground_stations_depth_differs():
     texts = [event.text for step in dive.run(5.0) for event in log.step(step.sample)]
     assert "2 resets of the EKF, depth +0.20 m in all" in texts
     assert "the autopilot's zero of depth is steady" in texts
-    dive.fault("disarm")
-    dive.run(2.0)
+    dive.fault(end)
+    dive.run(3.0)
     assert dive.step.sample.state.depth_offset_m == 0.0, "the autopilot sets its zero anew on arming"
 
 

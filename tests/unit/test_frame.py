@@ -38,6 +38,11 @@ def test_a_yaw_reset_turns_the_frame_about_the_vehicle():
     )
 
 
+def test_where_nothing_is_left_to_follow_the_depths_offset_stays():
+    frame = Frame(sunk_m=0.4).jumped(0.3, 0.0, 0.0, held=True)
+    assert frame.followed(0.02, held=False).sunk_m == 0.4
+
+
 def test_a_position_reset_moves_all_places_and_no_velocity():
     now = Frame().jumped(3.0, -4.0, 1.0, held=True).now
     np.testing.assert_allclose(now.outside((7.0, 8.0, 9.0, 1.0)), (10.0, 4.0, 9.0, 1.0))

@@ -83,6 +83,12 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     assert f"  {who}, authority" in screen
 
 
+def test_how_far_the_autopilots_depth_is_off_stays_on_the_screen(make_sample: MakeSample) -> None:
+    assert "zero moved" not in _screen(_feed(make_sample()))
+    screen = _screen(_feed(make_sample(depth_offset_m=-0.4)))
+    assert "the autopilot's depth, whose zero moved, is -0.40 m off" in screen
+
+
 def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSample) -> None:
     sample = make_sample()
     waits = replace(
