@@ -186,8 +186,10 @@ def test_the_notebook_runs_and_its_layouts_name_what_there_is(
         for row in ("law", "ppi")
         for seed in (0, 1)
     ]
+    rows.append({**rows[-1], "seed": 2, "held": False, "depth_rms_mm": None})
     write_table(tmp_path / "out" / "bench.csv", rows)
-    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs" / "examples").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "docs" / "examples")  # where Jupyter runs a notebook: in its own folder
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     names: dict[str, object] = {}
     for cell in json.loads((examples / "dive.ipynb").read_text())["cells"]:
