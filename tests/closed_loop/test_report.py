@@ -186,7 +186,7 @@ def test_the_notebook_runs_and_its_layouts_name_what_there_is(
         for row in ("law", "ppi")
         for seed in (0, 1)
     ]
-    rows.append({**rows[-1], "seed": 2, "held": False, "depth_rms_mm": None})
+    rows.append({**rows[-1], "seed": 2, "held": False, "depth_rms_mm": ""})
     write_table(tmp_path / "out" / "bench.csv", rows)
     (tmp_path / "docs" / "examples").mkdir(parents=True)
     monkeypatch.chdir(tmp_path / "docs" / "examples")  # where Jupyter runs a notebook: in its own folder
