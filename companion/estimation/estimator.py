@@ -399,9 +399,10 @@ class Estimator:
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: Pressure) -> None:
-        later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
-        reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
-        self._note_depth_reset(event.t_s, reset_m)
+        if self._depths.noisy:
+            return  # depth is this barometer, or worse
+        later_s = RAW_LATER_S - self._depth_later_s
+        self._note_depth_reset(event.t_s, self._depth_resets.pressed(event.boot_s - later_s, event.z_m))
 
     def _note_depth_reset(self, t_s: float, down_m: float) -> None:
         """Let depth go on as before. While it is disarmed, and as it arms, the zero is the autopilot's."""

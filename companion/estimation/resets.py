@@ -169,7 +169,7 @@ class DepthResets:
         if surprise_m * self._peak_m < 0.0:
             self._wander_m, self._peak_m = max(self._wander_m, abs(self._peak_m)), 0.0
         self._peak_m = max(self._peak_m, surprise_m, key=abs)
-        if max(2.0 * abs(unlike_m), self._detector.threshold, 2.0 * self._wander_m) < abs(surprise_m):
+        if max(2.0 * abs(unlike_m), DEPTH_RESET_M, 2.0 * self._wander_m) < abs(surprise_m):
             self._detector.unexplained = 0.0
             return self._took(at_s, surprise_m)
         self._usual_m += (1.0 - math.exp(-gap_s / DRIFT_S)) * surprise_m
