@@ -148,6 +148,7 @@ class Estimator:
         self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets = DepthResets()
+        self._begins_depth = False
         self._yaw_reset_t_s = self._position_reset_t_s = self._depth_reset_t_s = -math.inf
         self._frame_shift: FrameShift | None = None
 
@@ -389,6 +390,9 @@ class Estimator:
                 self._depth_resets.step(event.boot_s, event.z_m, sink_mps, surprise_m, climbs=climbs),
             )
         z_m = event.z_m - self.frame.sunk_m
+        if self._begins_depth:
+            self._begins[Z] = self._expected_depth_m = z_m
+            self._begins_depth = False
         innovation_m = abs(z_m - self._expected_depth_m)
         known_s = event.t_s - self._measured_t_s[Z]
         believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
@@ -399,10 +403,10 @@ class Estimator:
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: Pressure) -> None:
-        if self._depths.noisy:
-            return  # depth is this barometer, or worse
-        later_s = RAW_LATER_S - self._depth_later_s
-        self._note_depth_reset(event.t_s, self._depth_resets.pressed(event.boot_s - later_s, event.z_m))
+        later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
+        reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
+        self._note_depth_reset(event.t_s, reset_m)
+        self._begins_depth = self._depth_resets.late
 
     def _note_depth_reset(self, t_s: float, down_m: float) -> None:
         """Let depth go on as before. While it is disarmed, and as it arms, the zero is the autopilot's."""

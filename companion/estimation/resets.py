@@ -117,11 +117,14 @@ class DepthResets:
 
     def __init__(self) -> None:
         self._detector = ResetDetector(DEPTH_RESET_M, MAX_ACCELERATION, angular=False)
-        self._noise_m = 0.0
+        self._noise_m = self._usual_noise_m = 0.0
+        """Now, and when the difference of depth and pressure was the usual one last."""
         self._depths = deque[tuple[float, float]](maxlen=25)
         """The last samples: when they were true (autopilot's clock), and m."""
-        self._last_s, self._last_m = -math.inf, 0.0
-        """The last reset."""
+        self._last_s = -math.inf
+        """When the last reset was."""
+        self.late = False
+        """Whether the last pressure has shown a reset that was taken for a motion until then."""
         self._doubtful_m = 0.0
         """Sum of the resets that no pressure has judged."""
         self._pressure_s = -math.inf
@@ -152,6 +155,7 @@ class DepthResets:
 
     def pressed(self, at_s: float, depth_m: float) -> float:
         """Take the pressure's depth that was true at `at_s`; return the reset it shows, or takes back."""
+        self.late = False
         gap_s = max(at_s - self._pressure_s, 0.0)
         self._pressure_s = at_s
         self._wander_m *= math.exp(-gap_s / WANDER_LASTS_S)
@@ -163,14 +167,18 @@ class DepthResets:
             return 0.0
         if doubtful_m:
             self.accept()
-            denied = abs(surprise_m + doubtful_m) < 0.5 * abs(doubtful_m)
-            return self._took(at_s, -doubtful_m) if denied else 0.0
+            if abs(surprise_m + doubtful_m) < 0.5 * abs(doubtful_m):
+                return self._took(at_s, -doubtful_m)
         unlike_m = self._detector.unexplained - surprise_m
         if surprise_m * self._peak_m < 0.0:
             self._wander_m, self._peak_m = max(self._wander_m, abs(self._peak_m)), 0.0
         self._peak_m = max(self._peak_m, surprise_m, key=abs)
-        if max(2.0 * abs(unlike_m), DEPTH_RESET_M, 2.0 * self._wander_m) < abs(surprise_m):
-            self._detector.unexplained = 0.0
+        if abs(surprise_m) < 0.25 * DEPTH_RESET_M:
+            self._usual_noise_m = self._noise_m
+        least_m = max(DEPTH_RESET_M, 2.0 * self._usual_noise_m, 2.0 * self._wander_m)
+        if max(2.0 * abs(unlike_m), least_m) < abs(surprise_m):
+            self._detector.unexplained, self._noise_m = 0.0, self._usual_noise_m
+            self.late = True
             return self._took(at_s, surprise_m)
         self._usual_m += (1.0 - math.exp(-gap_s / DRIFT_S)) * surprise_m
         return 0.0
@@ -181,5 +189,5 @@ class DepthResets:
 
     def _took(self, at_s: float, reset_m: float) -> float:
         self._usual_m += reset_m
-        self._last_s, self._last_m = at_s, reset_m
+        self._last_s = at_s
         return reset_m
