@@ -362,6 +362,20 @@ def test_zeros_that_move_at_any_time_by_any_size_move_nothing(seed):
     assert np.abs(depths - undisturbed).max() < 0.03
 
 
+@pytest.mark.parametrize("size_m", [0.008, 0.03])
+def test_a_zero_that_slides_within_a_second_is_found_by_the_pressure_which_brings_it_back(size_m):
+    """Fifty steps, each below what is believed at once; nobody asks for the pressure, which comes at 2 Hz."""
+    dive = holding(QUIET)
+    before, began_s = dive.step.truth.eta[2], dive.t_s
+    for _ in range(50):
+        dive.fault("depth_shifted", value=size_m)
+        dive.run(0.02)
+    dive.run(6.0)
+    assert dive.states_since(began_s) == [State.ACTIVE]
+    assert dive.step.sample.state.depth_offset_m == pytest.approx(50.0 * size_m, abs=0.03)
+    assert dive.step.truth.eta[2] == pytest.approx(before, abs=0.03)
+
+
 def test_what_really_moves_it_is_no_reset_and_is_brought_back():
     """A pull of the tether, which the climb rate shows; and 0.3 m at once, which only pressure shows."""
     dive = active(*QUIET, setpoint=hold(z=3.0), seconds=9.0)
