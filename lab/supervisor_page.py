@@ -48,10 +48,10 @@ only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER, scaled by the *autho
 which rises over `ramp_up_s` after engaging and falls over `ramp_down_s` on release. A fault, a pilot's
 takeover or disarming sets it to 0 at once. The default is to refuse.
 
-A request to engage is accepted if only the flight mode is missing, or arming where `--arm` permits it;
-otherwise it is refused at once, in words. Holdfast then reads FS_PILOT_INPUT and FS_PILOT_TIMEOUT again: an
-autopilot that does not answer is not engaged. A request by command or button that does not succeed within
-{ENGAGE_S:g} s is withdrawn; that of `run --engage` waits.
+A request to engage is accepted if nothing but the flight mode is missing, or arming if `--arm` permits it;
+otherwise it is refused at once, with the reason. Holdfast then reads FS_PILOT_INPUT and FS_PILOT_TIMEOUT
+again, and does not engage until the autopilot answers. A request by command or button is withdrawn if it
+does not succeed within {ENGAGE_S:g} s; that of `run --engage` waits.
 """
 
 HAND_OVER = f"""\
@@ -69,8 +69,8 @@ pilot-input failsafe follows.
 
 FS_PILOT_INPUT by default disarms 3 s after the last steering message. Therefore Holdfast sends a neutral
 frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays HAND_OVER. A moved stick, any other
-steering that it sees, a mode change, a `release` or `keep_alt_hold_s` ends this. Then Holdfast is silent in
-state PILOT, and the autopilot's failsafes act as if it were not there.
+steering that it sees, a mode change, a `release` or the end of `keep_alt_hold_s` ends this. Then Holdfast
+is silent in state PILOT, and the autopilot's failsafes act as without Holdfast.
 
 When the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot surfaces), `keep_alt_hold_s`
 does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself; the neutral frames
@@ -83,9 +83,9 @@ Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral
 TILT = f"""\
 ## When it tilts
 
-Tilt alone does not release the vehicle. Its cause (a load, a tether, a dead thruster) may also sink it, and
-without our frames the autopilot would disarm it after 3 s. Holdfast first removes the forces that increase
-the tilt, and keeps those that hold the depth:
+Tilt alone does not release the vehicle: its cause (a load, a tether, a dead thruster) may also sink it, and
+the autopilot would disarm it 3 s later. Holdfast first removes the forces that increase the tilt, and keeps
+those that hold the depth:
 
 | larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
 |---|---|
@@ -95,7 +95,8 @@ everything; horizontal force and setpoint speeds decrease with the tilt |
 | {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
 heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
 | beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
-| so for `off_track_s`, 0.3 m off its depth | nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
+| this for `off_track_s`, and 0.3 m from its depth | \
+nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
 
 From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave, so that the force stays
 vertical.
@@ -116,15 +117,17 @@ INTERRUPTIONS = f"""\
 While ACTIVE, thrust is neutral as soon as depth or attitude is older than its timeout, or a tick was later
 than `late_tick_s` (INTERRUPTED). Setpoint, path and held axes stay. When telemetry and ticks are back,
 Holdfast engages again from where the vehicle is, and goes on; what the compensator learnt is forgotten.
-UNSTEADY says so once, until nothing has paused for {STEADY_S:g} s.
+UNSTEADY warns once; it ends {STEADY_S:g} s after the last pause.
 
-LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE then hold from `link_timeout_s` on (depth and attitude
-{SAMPLE_S:g} s later, a sample of a slow source), and at their own timeouts where interruptions add up to
-{MOST_INTERRUPTED:g} times `link_timeout_s`; a second without one takes off {RECOVERS_PER_S:g} s.
+While ACTIVE, LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE begin only after `link_timeout_s` (depth
+and attitude {SAMPLE_S:g} s later, the time of a sample of a slow source). They begin at their own timeouts
+if the interruptions add up to {MOST_INTERRUPTED:g} times `link_timeout_s`; each second without one subtracts
+{RECOVERS_PER_S:g} s from this sum.
 
-Meanwhile a vehicle of which telemetry alone is silent gets our neutral frames: it drifts, rises or sinks.
-Where our commands do not reach it, or this process pauses, it **keeps the last command**: the pilot-input
-failsafe alone stops it, after FS_PILOT_TIMEOUT (3 s); RC_OVERRIDE_TIME does so only with an RC receiver.
+If only telemetry is interrupted, the vehicle gets neutral frames meanwhile: it drifts, rises or sinks. If
+commands do not reach it, or this process pauses, the vehicle **keeps the last command**: only the
+pilot-input failsafe stops it, after FS_PILOT_TIMEOUT (3 s); RC_OVERRIDE_TIME does so only with an RC
+receiver.
 """
 
 
@@ -137,8 +140,8 @@ def page() -> str:
 
 def _states() -> Iterator[str]:
     yield (
-        "Every screen, the log and the ground station have these words. The reason of a state is its "
-        "[condition](#conditions), and so is what to do; the last column is the advice where none says more. "
+        "Every screen, the log and the ground station use these words. The reason of a state is its "
+        "[condition](#conditions). Its advice is shown; if it has none, that of the last column. "
         "IDLE becomes READY while no condition forbids engaging.\n"
     )
     lines = ["| state | what it means | on entering | what to do |", "|---" * 4 + "|"]
@@ -153,8 +156,8 @@ def _states() -> Iterator[str]:
 
 def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield (
-        "Of several conditions the first of this table is named first, and its remedy is shown. *Effect* is "
-        "that of the condition alone. After a FAULT, remove the cause and "
+        "If several conditions hold, screens name first the one that is higher in this table, and show its "
+        "remedy. *Effect*: what the condition does if it holds alone. After a FAULT, remove the cause and "
         "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
     lines = ["| condition | what is said: when | effect | what to do |", "|---" * 4 + "|"]
