@@ -10,10 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 store = get_typestore(Stores.ROS2_HUMBLE)
 store.register(get_types_from_msg("uint16[18] channels\n", "mavros_msgs/msg/OverrideRCIn"))
 out = csv.writer(sys.stdout)
-out.writerow(
-    ["t_s", "pitch", "roll", "heave", "yaw", "surge", "sway"]
-    + ["z_m", "u_mps", "v_mps", "w_mps", "p_radps", "q_radps", "r_radps"]
-)
+sys.stdout.write("t_s,pitch,roll,heave,yaw,surge,sway,z_m,u_mps,v_mps,w_mps,p_radps,q_radps,r_radps\r\n")
 with AnyReader([Path(sys.argv[1])], default_typestore=store) as bag:
     chosen = [one for one in bag.connections if one.msgtype.endswith(("OverrideRCIn", "Odometry"))]
     for connection, t_ns, data in bag.messages(connections=chosen):
