@@ -47,6 +47,12 @@ def decoded(data: bytes) -> str:
         raise ValueError(f"line {line} is not {encoding.upper()} text: save it as UTF-8") from error
 
 
+def refuse_endless(path: Path) -> None:
+    """Raise ValueError for a pipe or a device: it may never begin, or never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path}: is a pipe or a device: save what it gives as a file")
+
+
 def refuse_existing(*paths: Path) -> None:
     """Raise RefusedError where a file that is to be written is there: nobody's work is written over."""
     if there := [path for path in paths if path.exists()]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from holdfast import RefusedError
+from holdfast.files import refuse_endless
 
 MEMORY_BYTES: Final = 2 << 30
 """Of data; the libraries and the stacks of their threads take up to a quarter of it."""
@@ -35,6 +36,8 @@ def bounded(
     pickled. Raises what it raises where that is a ValueError, OSError or RefusedError, and ValueError, in
     words, for everything else that a file makes it do.
     """
+    for file in files:
+        refuse_endless(file)
     name = ", ".join(map(str, files))
     seconds = START_S + sum(file.stat().st_size for file in files) // BYTES_PER_S
     context = multiprocessing.get_context("forkserver")

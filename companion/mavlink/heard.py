@@ -10,7 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import LinkSection
 from companion.mavlink.frames import V1_MARKER, Frame, frame_at
 
-LATELY_S: Final = 10.0
+LATELY_S: Final = 3.0
+"""Longer than heartbeats are apart, sooner over than LINK_LOST waits for them: a cut link says so at once."""
 MOST: Final = 32
 """Senders that are kept."""
 EXCERPT: Final = 12

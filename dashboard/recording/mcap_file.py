@@ -21,6 +21,7 @@ from mcap.records import Channel, Metadata
 from mcap.writer import CompressionType, Writer
 
 from dashboard.recording.json_schema import schema_of
+from holdfast.files import refuse_endless
 
 CHUNK_BYTES = 48_000
 """A chunk is closed when it is larger than this, and no sample has 16 kB: so no chunk has 64."""
@@ -212,6 +213,7 @@ class Reader:
         self.metadata, self.whole, self.broken_chunks, self.lost_bytes = {}, False, 0, 0
         self.unpacked_bytes = count = 0
         channels: dict[int, tuple[str, str]] = {}
+        refuse_endless(self.path)
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError(f"{self.path}: is no MCAP file")

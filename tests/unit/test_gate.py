@@ -3,9 +3,11 @@
 import os
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 
+from dashboard.recording.mcap_file import Reader
 from holdfast import gate
 
 
@@ -57,3 +59,16 @@ def test_what_is_read_comes_back_with_its_progress_and_without_a_librarys_words(
     assert gate.bounded(talking, [], progress=shares.append) == "read"
     assert shares == [0.5]
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "read", [lambda pipe: gate.bounded(Path.read_bytes, [pipe], pipe), lambda pipe: next(iter(Reader(pipe)))]
+)
+def test_a_pipe_and_a_device_which_may_never_begin_or_end_are_refused(read, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for endless in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(
+            ValueError, match=f"{endless}: is a pipe or a device: save what it gives as a file"
+        ):
+            read(endless)
