@@ -37,7 +37,7 @@ from companion.records import Condition, ControlSample, LoopHealth, Request, Set
 from companion.steps import Task
 from companion.telemetry.commands import Follow, SetPath
 from companion.telemetry.event_log import EventLog
-from companion.telemetry.glossary import PENDING, advised, whole
+from companion.telemetry.glossary import advised, on_engaging, whole
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Choices, Event, Plan, Raw, Reply, Start
 from companion.telemetry.status_line import status_line
@@ -354,8 +354,7 @@ class App:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
         verdict, vehicle, endpoint = sample.verdict, self._config.vehicle, self._config.telemetry.endpoint
         words = advised(f"{verdict.state}: {verdict.reason}", whole(verdict.remedy, vehicle.name, endpoint))
-        pending = f"; {PENDING.format(sample.guided.pending)}" if sample.guided.pending else ""
-        said = str(verdict.state), words + pending
+        said = str(verdict.state), "; ".join(filter(None, (words, on_engaging(sample.guided.pending))))
         if said != self._saying:
             self._saying, self._saying_ns = said, now_ns
         settled = now_ns - self._saying_ns > SETTLED_S * NS_PER_S

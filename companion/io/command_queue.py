@@ -56,7 +56,7 @@ from companion.telemetry.commands import (
     parse,
 )
 from companion.telemetry.conditions import text
-from companion.telemetry.glossary import HOLD_HERE, NOBODY, PENDING
+from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 
@@ -271,10 +271,8 @@ class CommandQueue:
         commands = [waiting.command for waiting in self._inbox]
         first = next((i for i, command in enumerate(commands) if isinstance(command, Release)), 0)
         for _ in range(first):
-            withdrawn, reply = (
-                self._inbox.popleft(),
-                Reply(done=False, said="withdrawn: a release came after it"),
-            )
+            withdrawn = self._inbox.popleft()
+            reply = Reply(done=False, said="withdrawn: a release came after it")
             self._answer(withdrawn.received, withdrawn.command, reply)
         return first > 0 and not self.prepare(engine, 1)
 
@@ -401,8 +399,8 @@ class CommandQueue:
     def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:
         engaged = sample.dofs.engaged
         if not any(engaged):
-            pending = PENDING.format(sample.guided.pending or HOLD_HERE)
-            return f"kept, {pending}; the state is {sample.verdict.state}"
+            kept = on_engaging(sample.guided.pending or HOLD_HERE)
+            return f"kept, {kept}; the state is {sample.verdict.state}"
         awaited = Condition.POSITION_STALE in sample.verdict.conditions
         if not engaged[X] and (awaited or any(map(math.isfinite, engine.asked[:2]))):
             return "on its way; x and y are not held until there is a position"

@@ -25,7 +25,7 @@ from companion.records import (
 )
 from companion.telemetry import schemas
 from companion.telemetry.conditions import ENDED
-from companion.telemetry.glossary import PENDING, STATES, advised
+from companion.telemetry.glossary import STATES, advised, on_engaging
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
@@ -205,8 +205,8 @@ class PilotDisplay:
             self._texts.put_again(_text("course", STATE_SEVERITIES[severity], "state", f" {words}", todo))
 
     def _put_pending(self, sample: ControlSample) -> None:
-        if sample.guided.pending:
-            self._put_state(PENDING.format(sample.guided.pending), "info", "")
+        if words := on_engaging(sample.guided.pending):
+            self._put_state(words, "info", "")
 
     def _put_condition(self, event: schemas.Event, *, steers: bool) -> None:
         """Tell a condition that begins while Holdfast `steers`, and its end."""

@@ -85,12 +85,8 @@ class FlightMode:
             self._kept_alive_s = self._kept_alive_s if kept_alive else now_s
             self._neutral_until_s, self._had_authority = now_s, False
             return not kept_alive
-        if (
-            verdict.state is State.ACTIVE
-            or verdict.authority > 0.0
-            or self._had_authority
-            or self._finds_it_steered(state)
-        ):
+        holds = verdict.state is State.ACTIVE or verdict.authority > 0.0
+        if holds or self._had_authority or self._finds_it_steered(state):
             self._neutral_until_s = now_s + NEUTRAL_FRAMES_S
         self._had_authority = verdict.authority > 0.0
         return now_s <= self._neutral_until_s

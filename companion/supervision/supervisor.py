@@ -72,10 +72,8 @@ def remedy(state: State, conditions: Condition, details: Details = NO_DETAILS) -
     If several conditions hold, the first cause counts; LINK_LOST is first. A latched fault has to be
     cleared after its cause has gone, whatever else is missing.
     """
-    todo, otherwise = (
-        first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST), details),
-        STATES[state].remedy,
-    )
+    otherwise = STATES[state].remedy
+    todo = first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST), details)
     if state is S.FAULT and todo:
         return f"{todo}; then {otherwise}"
     return todo or otherwise

@@ -10,11 +10,11 @@ from companion.telemetry.conditions import UNSAID
 from companion.telemetry.glossary import (
     DEAD_MOTOR,
     HOLD_HERE,
-    PENDING,
     STATES,
     TRUSTED_MOTOR,
     Severity,
     course,
+    on_engaging,
 )
 from companion.telemetry.schemas import Event, printable
 
@@ -89,7 +89,7 @@ class EventLog:
         if guided.pending != self._pending:
             self._pending = guided.pending
             if not any(sample.dofs.engaged):
-                happened.append(("info", "state", PENDING.format(printable(guided.pending) or HOLD_HERE)))
+                happened.append(("info", "state", on_engaging(printable(guided.pending) or HOLD_HERE)))
         if not happened:
             return []
         state = sample.state

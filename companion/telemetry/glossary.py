@@ -59,9 +59,8 @@ COURSES = {
     "refused": "refuses the path or the move",
 }
 """What Holdfast does with the vehicle, by `State.guidance`."""
-PENDING = "when it engages: {}"
 HOLD_HERE = "hold here"
-"""What is kept for engaging, and what that is where nothing is kept."""
+"""What it does on engaging where nothing else is kept."""
 
 NOBODY = "nobody steers: the autopilot disarms in {:.0f} s unless a pilot does"
 TO_DO = "to do"
@@ -106,6 +105,11 @@ def on_page(text: str) -> str:
 def advised(said: str, remedy: str) -> str:
     """Return words, and what to do."""
     return f"{said}; {TO_DO}: {remedy}" if remedy else said
+
+
+def on_engaging(what: str) -> str:
+    """Return what is kept for engaging, in words; empty where nothing is."""
+    return f"when it engages: {what}" if what else ""
 
 
 def course(kind: str, name: str = "") -> str:

@@ -4,7 +4,7 @@ import math
 from math import degrees
 
 from companion.records import PSI, ControlSample, Z
-from companion.telemetry.glossary import PENDING
+from companion.telemetry.glossary import on_engaging
 
 
 def status_line(sample: ControlSample) -> str:
@@ -18,14 +18,15 @@ def status_line(sample: ControlSample) -> str:
         depth += f" (wanted {sample.eta_d[Z]:.3f})"
     if sample.dofs.engaged[PSI]:
         heading += f" (wanted {degrees(sample.eta_d[PSI]):.1f})"
-    left = left_text(sample.guided.left_m, sample.guided.left_s)
-    return (
-        f"depth {'not measured' if state.stale[Z] else depth}, "
-        f"heading {'not measured' if state.stale[PSI] else heading}, "
-        f"delays {telemetry} + {command}, {sample.verdict.state}"
-        + (f", {sample.guided.kind}: {left}" if left else "")
-        + (f", {PENDING.format(sample.guided.pending)}" if sample.guided.pending else "")
+    guided, left = sample.guided, left_text(sample.guided.left_m, sample.guided.left_s)
+    parts = (
+        f"depth {'not measured' if state.stale[Z] else depth}",
+        f"heading {'not measured' if state.stale[PSI] else heading}",
+        f"delays {telemetry} + {command}, {sample.verdict.state}",
+        f"{guided.kind}: {left}" if left else "",
+        on_engaging(guided.pending),
     )
+    return ", ".join(filter(None, parts))
 
 
 def left_text(left_m: float, left_s: float) -> str:

@@ -21,9 +21,9 @@ from companion.telemetry.glossary import (
     ENDPOINT,
     LINK_LOST,
     PAST,
-    PENDING,
     TO_DO,
     holder,
+    on_engaging,
     silence,
     title,
     whole,
@@ -159,7 +159,7 @@ def _banner(feed: Feed, connect: str) -> RenderableType:
         if supervisor.remedy:
             lines.append(Text(f"{TO_DO}: {whole(supervisor.remedy, feed.vehicle, connect)}"))
         if state and state.pending:
-            lines.append(Text(PENDING.format(state.pending), "bold"))
+            lines.append(Text(on_engaging(state.pending), "bold"))
     if state:
         named_mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
         lines.append(

@@ -10,7 +10,7 @@ import msgspec
 from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.glossary import PENDING, holder, on_page
+from companion.telemetry.glossary import holder, on_engaging, on_page
 from companion.telemetry.schemas import Choices, Dof, Event, Loop, Plan, Recorder, Schema, State, Supervisor
 from dashboard.lag import Lag
 from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
@@ -168,7 +168,7 @@ class VehicleHistory:
             "t_s": _finite(self._t_s),
             "armed": self.armed,
             "mode": mode,
-            "pending": PENDING.format(state.pending) if state and state.pending else "",
+            "pending": on_engaging(state.pending) if state else "",
             "holder": holder(
                 self.state,
                 guidance=guidance,

@@ -96,13 +96,13 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
 
 def tables_of(files: list[str], vehicle: VehicleFile) -> list[Table]:
     """Read logs, and show how far it is; raise RefusedError for one that tells nothing, OSError."""
-    sizes = [Path(file).stat().st_size for file in files]
+    size = sum(Path(file).stat().st_size for file in files)
     tables = []
-    with shown("reading", everything=sum(sizes) > SHOWN_BYTES) as progress:
-        for file, size, before in zip(files, sizes, (sum(sizes[:i]) for i in range(len(sizes))), strict=True):
+    with shown("reading", everything=size > SHOWN_BYTES) as progress:
+        for number, file in enumerate(files):
 
-            def part(share: float, size: int = size, before: int = before) -> None:
-                progress((before + share * size) / max(sum(sizes), 1))
+            def part(share: float, number: int = number) -> None:
+                progress((number + share) / len(files))
 
             try:
                 tables.append(bounded(read, [Path(file)], Path(file), vehicle.vehicle.frame, progress=part))

@@ -66,11 +66,7 @@ def held(table: Table) -> list[str]:
     length_s = float(table.t_s[-1] - table.t_s[0])
     measured = [
         words
-        for words, columns in (
-            ("speed over ground", (0, 1)),
-            ("vertical speed", (2,)),
-            ("turn rate", (5,)),
-        )
+        for words, columns in (("speed over ground", (0, 1)), ("vertical speed", (2,)), ("turn rate", (5,)))
         if np.isfinite(table.velocity[:, columns]).mean() > 0.1
     ]
     steered = [

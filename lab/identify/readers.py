@@ -1,14 +1,14 @@
 """Logs of whatever kind as the table of samples: told by their content, within limits of size and count.
 
 A reader collects `Streams`. Everything raises NoDiveError, in one line, for a file that tells nothing of a
-dive, and OSError.
+dive, and OSError; what a damaged one makes pymavlink stumble over, `holdfast.gate` puts into words.
 """
 
 import contextlib
 import math
 import operator
 import struct
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,17 @@ from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of
 Progress = Callable[[float], None]
 
 DATAFLASH: Final = b"\xa3\x95"
-DATAFLASH_USED: Final = ["ATT", "RATE", "IMU", "XKF1", "XKF4", "RCOU", "BAT", "PARM", "ARM"]
+DATAFLASH_STREAMS: Final[dict[str, list[tuple[str, tuple[str, ...], Callable[[Any], float]]]]] = {
+    "ATT": [("attitude", ("Roll", "Pitch", "Yaw"), math.radians)],
+    "RATE": [("rates", ("R", "P", "Y"), math.radians)],
+    "IMU": [("gyro", ("GyrX", "GyrY", "GyrZ"), float)],
+    "XKF1": [("level", ("VN", "VE"), float), ("down", ("VD",), float), ("depth", ("PD",), float)],
+    "XKF4": [("aided", ("SS",), aided)],
+    "BAT": [("voltage", ("Volt",), float)],
+    "RCOU": [("outputs", tuple(f"C{number}" for number in range(1, 15)), float)],
+}
+"""What each message tells: of which stream, its fields, and how they become its units."""
+DATAFLASH_USED: Final = [*DATAFLASH_STREAMS, "PARM", "ARM"]
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
 STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
 """States of the supervisor in which Holdfast's commands are sent."""
@@ -74,7 +84,7 @@ def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Tab
 
 
 def _dataflash(path: Path, progress: Progress) -> Streams:
-    """Read a .BIN by pymavlink: RCOU, ATT, RATE or IMU, XKF1, XKF4, BAT, PARM."""
+    """Read a .BIN by pymavlink."""
     from pymavlink.DFReader import DFReader_binary
 
     # The reader is made in two steps: one whose __init__ failed has a file to close.
@@ -82,10 +92,6 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
     try:
         reader.__init__(str(path), zero_time_base=True)
         return _dataflash_streams(reader, progress)
-    except OSError:
-        raise
-    except Exception as error:  # pymavlink raises whatever a broken file makes it stumble over
-        raise NoDiveError(f"cannot be read as a dataflash log: {type(error).__name__}: {error}") from error
     finally:
         for opened in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
             if opened is not None:
@@ -94,7 +100,8 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
 
 
 def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
-    streams, gyro, outputs, armed = Streams(), [], [], []
+    found: defaultdict[str, list[Sample]] = defaultdict(list)
+    armed: list[tuple[float, float]] = []
     parameters: dict[str, float] = {}
     number = 0
     while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
@@ -104,39 +111,25 @@ def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
         kind = message.get_type()
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)
-            continue
-        if any(getattr(message, name, 0) for name in ("I", "C", "Inst", "Instance")):
+        elif any(getattr(message, name, 0) for name in ("I", "C", "Inst", "Instance")):
             continue  # another sensor, core or battery than the first
-        t_s = message.TimeUS / 1e6
-        if kind == "ATT":
-            angles = (message.Roll, message.Pitch, message.Yaw)
-            streams.attitude.append(Sample(t_s, tuple(map(math.radians, angles))))
-        elif kind == "RATE":
-            streams.rates.append(Sample(t_s, tuple(map(math.radians, (message.R, message.P, message.Y)))))
-        elif kind == "IMU":
-            gyro.append(Sample(t_s, (message.GyrX, message.GyrY, message.GyrZ)))
-        elif kind == "XKF1":
-            streams.level.append(Sample(t_s, (message.VN, message.VE)))
-            streams.down.append(Sample(t_s, (message.VD,)))
-            streams.depth.append(Sample(t_s, (message.PD,)))
-        elif kind == "XKF4":
-            streams.aided.append(Sample(t_s, (aided(message.SS),)))
-        elif kind == "BAT":
-            streams.voltage.append(Sample(t_s, (message.Volt,)))
-        elif kind == "RCOU":
-            outputs.append(Sample(t_s, tuple(getattr(message, f"C{n}", 0) for n in range(1, 15))))
         elif kind == "ARM":
-            armed.append((t_s, float(message.ArmState)))
+            armed.append((message.TimeUS / 1e6, float(message.ArmState)))
+        else:
+            absent = (0,) if kind == "RCOU" else ()  # some log fewer outputs
+            for stream, names, convert in DATAFLASH_STREAMS[kind]:
+                values = tuple(convert(getattr(message, name, *absent)) for name in names)
+                found[stream].append(Sample(message.TimeUS / 1e6, values))
     whole = sum(count * reader.formats[kind].len for kind, count in enumerate(reader.counts) if count)
+    outputs, gyro = found.pop("outputs", []), found.pop("gyro", [])
     before = [(-math.inf, 1.0 - state) for _, state in armed[:1]]
     is_armed = latest(np.array([one.t_s for one in outputs]), np.array([*before, *armed]), math.nan)
-    streams.motors = motors_of(outputs, parameters, is_armed)
-    streams.notes = [
+    notes = [
         f"commands: RCOU; motion: ATT, XKF1, {'IMU' if gyro else 'RATE'}, each of the first instance",
         *not_read({"bytes": max(reader.data_len - whole, 0)}),
     ]
-    streams.rates = gyro or streams.rates
-    return streams
+    found["rates"] = gyro or found["rates"]
+    return Streams(**found, motors=motors_of(outputs, parameters, is_armed), notes=notes)
 
 
 def _tlog(path: Path, progress: Progress) -> Streams:
@@ -146,9 +139,8 @@ def _tlog(path: Path, progress: Progress) -> Streams:
     if path.stat().st_size > MAX_TLOG_BYTES:
         raise NoDiveError(f"is larger than {MAX_TLOG_BYTES >> 20} MiB: cut it into parts")
     telemetry = Telemetry()
-    file = mavutil.mavlogfile(str(path))
     t_s, last_s, number = 0.0, None, 0
-    try:
+    with contextlib.closing(mavutil.mavlogfile(str(path))) as file:
         while (message := file.recv_msg()) is not None:
             number += 1
             if number % EVERY == 0:
@@ -161,12 +153,6 @@ def _tlog(path: Path, progress: Progress) -> Streams:
                 last_s = stamp_s
                 source = message.get_srcSystem(), message.get_srcComponent()
                 telemetry.take(t_s, source, message.get_type(), partial(getattr, message))
-    except OSError:
-        raise
-    except Exception as error:  # as above
-        raise NoDiveError(f"cannot be read as a telemetry log: {type(error).__name__}: {error}") from error
-    finally:
-        file.close()
     return telemetry.collected()
 
 
