@@ -89,13 +89,10 @@ def test_silence_is_said_only_where_nothing_arrives(data, key, found, fix, strea
     assert autopilot.heard.contact()[0].startswith("nothing arrives at "), "what was heard is over"
 
 
-def test_of_a_link_that_was_cut_it_says_that_nothing_arrives_as_soon_as_the_heartbeat_is_missed():
-    config = load_config()
-    autopilot = Autopilot(config)
-    for now_s in (1.0, 1.0 + config.supervisor.heartbeat_timeout_s):
-        autopilot.upkeep(now_s, [], mode=None, arm=False)
-        if now_s == 1.0:
-            autopilot.receive([(round(now_s * 1e9), said(BEAT) + said(ATTITUDE) + said(STATION, 255, 190))])
+def test_of_a_cut_link_it_says_that_nothing_arrives_as_soon_as_the_heartbeat_is_missed():
+    autopilot = Autopilot(config := load_config())
+    autopilot.receive([(0, said(BEAT) + said(ATTITUDE) + said(STATION, 255, 190))])
+    autopilot.upkeep(config.supervisor.heartbeat_timeout_s, [], mode=None, arm=False)
     assert autopilot.heard.contact()[0].startswith("nothing arrives at ")
 
 
