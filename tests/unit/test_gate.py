@@ -61,10 +61,7 @@ def test_what_is_read_comes_back_with_its_progress_and_without_a_librarys_words(
     assert capfd.readouterr().out == ""
 
 
-@pytest.mark.timeout(20)
-@pytest.mark.parametrize(
-    "read", [lambda file: gate.bounded(ended, [file]), lambda file: next(iter(Reader(file)))]
-)
+@pytest.mark.parametrize("read", [lambda it: gate.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
 def test_a_pipe_and_a_device_which_may_never_begin_or_end_are_refused(read, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for endless in (tmp_path / "pipe", Path("/dev/zero")):
