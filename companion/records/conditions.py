@@ -59,15 +59,15 @@ class Condition(IntFlag):
         "another Holdfast with our ids was here first",
         "the end of the other Holdfast",
         "the other Holdfast, which was here first, has gone",
-        "frames of our ids that this process did not send, or answers to such, within 3 s of its contact, or "
-        "some that steer for more than 3 s; of two that came together neither steers",
+        "frames of our ids that this process did not send, or answers to such frames, within 3 s of its "
+        "first contact; or such frames steer for more than 3 s. If two came together, neither steers",
         "end one of the two: BlueOS extension, service, or run on another computer",
     )
     OTHER_CAME = (
         "another Holdfast with our ids has come",
         "being the only Holdfast with our ids",
         "the other Holdfast, which came later, has gone",
-        "as OTHER FIRST, later after the first contact: the other lets go, and this one goes on",
+        "as OTHER FIRST, but later: the other one releases the vehicle, and this one continues",
         "end one of the two: BlueOS extension, service, or run on another computer",
     )
     INTERRUPTED = (
