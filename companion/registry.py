@@ -5,7 +5,7 @@ package, or the table `[compensators.NAME]` or `[laws.NAME]` of the configuratio
 What such a file defines is said in `companion/control/compensator.py` and `companion/control/law.py`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -162,29 +162,34 @@ def refuse_misshapen(functions: Compensator | Law, parameters: Any) -> None:
 
     Raises UnusableError, with the file, where one fails, or does not return what it should.
     """
-    module, small = functions.module, 0.01
+    module = functions.module
     if module in (law, *SHIPPED.values()):
         return
-    answers: dict[str, tuple[Any, Any]] = {}
     try:
-        state = functions.initial(parameters)
-        answers["initial"] = state, module.State
-        if isinstance(functions, Compensator):
-            signals = Signals(*[small] * len(Signals._fields))
-            step = functions.step(parameters, state, signals, small, True)
-            answers["step"] = step, (module.State, float, bool)
-            answers["seed"] = functions.seed(parameters, state, signals, small), module.State
-            answers["weight_norm"] = functions.weight_norm(state), float
-        else:
-            ones: list[Any] = [1.0] * len(Motion._fields)
-            motion = Motion(*ones)
-            answers["step"] = functions.step(parameters, state, motion, small), (module.State, Terms)
+        for name, value, *kinds in _tried(functions, parameters):
+            if not _fits(value, tuple(kinds) if kinds[1:] else kinds[0]):
+                wanted = ", ".join(kind.__name__ for kind in kinds)
+                raise UnusableError(f"{name} returns {value!r:.80}: must be {wanted}")
+    except UnusableError as error:
+        raise UnusableError(f"{module.__file__}: {error}") from error
     except Exception as error:
         raise UnusableError(f"{module.__file__}: {type(error).__name__}: {error}") from error
-    for name, (value, kind) in answers.items():
-        if not _fits(value, kind):
-            wanted = ", ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
-            raise UnusableError(f"{module.__file__}: {name} returns {value!r:.80}: must be {wanted}")
+
+
+def _tried(functions: Compensator | Law, parameters: Any) -> Iterator[tuple[Any, ...]]:
+    """Give of each function its name, what it returns, and of which types that must be."""
+    kind, small = functions.module.State, 0.01
+    state = functions.initial(parameters)
+    yield "initial", state, kind
+    if isinstance(functions, Compensator):
+        signals = Signals(*[small] * len(Signals._fields))
+        yield "step", functions.step(parameters, state, signals, small, True), kind, float, bool
+        yield "seed", functions.seed(parameters, state, signals, small), kind
+        yield "weight_norm", functions.weight_norm(state), float
+        yield "integral_gain", functions.integral_gain(parameters), float
+    else:
+        ones: list[Any] = [1.0] * len(Motion._fields)
+        yield "step", functions.step(parameters, state, Motion(*ones), small), kind, Terms
 
 
 def _fits(value: Any, kind: Any) -> bool:

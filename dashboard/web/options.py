@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dashboard.arguments import add_connect, listen_address
+from holdfast import files
 from holdfast.arguments import command_parser
 
 SHORTEST_TOKEN = 16
@@ -111,8 +112,8 @@ def announcement(options: DashboardOptions, port: int, *, terminal: bool) -> str
 
 def _token(file: Path) -> str:
     try:
-        token = file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
+        token = files.text(file).strip()
+    except (OSError, ValueError) as error:
         raise ValueError(f"--token-file {file}: cannot be read: {error}") from error
     if len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable() or " " in token:
         raise ValueError(

@@ -1,6 +1,5 @@
 """Tuning for one's own vehicle: what its file says of it, how far that may be off, and the config so made."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from msgspec.structs import replace
 from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.config_text import with_values
 from companion.telemetry import ranges
-from holdfast import validation
+from holdfast import files, validation
 from lab.loop.scenarios import DEPTH_M, water
 from sim_bridge.config import SimConfig
 
@@ -78,9 +77,9 @@ def write_config(source: Path, vehicle: VehicleFile, gains: Mapping[str, float],
     The vehicle goes into a file beside `out`, which names it (`vehicle_beside`); or into `out` itself if
     `source` holds its vehicle too. A key that the file does not have is added.
     """
-    text = source.read_text(encoding="utf-8")
+    text = files.text(source)
     values: dict[str, float | str] = dict(gains)
-    if "preset" in tomllib.loads(text)["vehicle"]:
+    if "preset" in (table := files.toml(text).get("vehicle", {})) or not table:
         beside = vehicle_beside(out)
         values[PRESET_KEY] = beside.name
         about = (f"The vehicle for which `holdfast lab tune` searched the gains of {out.name} beside it.",)

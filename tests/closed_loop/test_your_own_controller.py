@@ -153,6 +153,7 @@ def integral_gain(parameters): return 0.0
         ("return State(0.0)", "return 0.0", "initial returns 0.0: must be State"),
         ("d_hat): return state", "d_hat): pass", "seed returns None: must be State"),
         ("(state): return 0.0", "(state): return 'much'", "weight_norm returns 'much': must be float"),
+        ("(parameters): return 0.0", "(parameters): pass", "integral_gain returns None: must be float"),
     ],
 )
 def test_a_function_of_the_wrong_shape_is_named_with_its_file(tmp_path, monkeypatch, sound, wrong, said):

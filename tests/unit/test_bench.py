@@ -220,6 +220,13 @@ def test_own_vehicles_config_stays_one_file_where_it_was_one(tmp_path: Path, com
     assert not [*tmp_path.glob("*-vehicle.toml")]
 
 
+@pytest.mark.parametrize("text", ["[heave]\nlambda_per_s = 3.0\n", "\ufeff[vehicle]\npreset = 'heavy'\n"])
+def test_own_vehicles_config_may_be_short_or_saved_by_windows(tmp_path: Path, text: str) -> None:
+    (source := tmp_path / "short.toml").write_text(text, encoding="utf-8")
+    write_config(source, vehicle_of(load_config()), {"heave.kappa_per_s": 7.25}, tmp_path / "mine.toml")
+    assert load_config(tmp_path / "mine.toml").heave.kappa_per_s == 7.25
+
+
 def test_vehicles_are_drawn_around_ones_own() -> None:
     drawn = [around(SIX_THRUSTERS, seed) for seed in range(20)]
     masses = [one.hull.mass_kg + one.hull.added_mass[2] for one in drawn]

@@ -126,7 +126,7 @@ def test_control_has_to_be_asked_for(tmp_path: Path) -> None:
     assert len(one) >= 16
     assert one != other
     file = tmp_path / "token"
-    file.write_text("0123456789abcdef\n")
+    file.write_text("0123456789abcdef\n", encoding="utf-8-sig")
     assert settings(["--allow-control", "--token-file", str(file)]).token == "0123456789abcdef"
     assert settings(["--listen", "[::1]:80"]).host == "::1"
 

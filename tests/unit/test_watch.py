@@ -132,20 +132,13 @@ def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
     assert "not connected" in late
 
 
-def test_what_was_held_up_on_its_way_is_old(make_sample: MakeSample) -> None:
+@pytest.mark.parametrize(("stamps_s", "old_s"), [((100.0, 101.0), 2.1), ((5000.0, 20.0), 0.1)])
+def test_what_was_held_up_is_old_and_a_clock_that_starts_again_is_not(make_sample, stamps_s, old_s):
     feed = Feed("kelp")
-    feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
-    feed.take(_messages(make_sample(t_s=101.0)), now_s=10.0)
-    feed.look(10.0, connected=True)
-    assert feed.age_s == pytest.approx(2.0)
-
-
-def test_a_vehicle_whose_clock_starts_again_is_not_stale(make_sample: MakeSample) -> None:
-    feed = Feed("kelp")
-    feed.take(_messages(make_sample(t_s=5000.0)), now_s=7.0)
-    feed.take(_messages(make_sample(t_s=20.0)), now_s=9.0)
-    feed.look(9.1, connected=True)
-    assert feed.age_s == pytest.approx(0.1)
+    for t_s, now_s in zip(stamps_s, (7.0, 10.0), strict=True):
+        feed.take(_messages(make_sample(t_s=t_s)), now_s=now_s)
+    feed.look(10.1, connected=True)
+    assert feed.age_s == pytest.approx(old_s)
 
 
 def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
