@@ -34,17 +34,22 @@ def text(path: Path) -> str:
     return decoded(data)
 
 
+def encoding(head: bytes) -> str:
+    """Return the encoding that the first bytes of a text declare, UTF-8 where they do not."""
+    return next((name for mark, name in MARKS.items() if head.startswith(mark)), "utf-8")
+
+
 def decoded(data: bytes) -> str:
     """Return a text in UTF-8, or in what its byte order mark declares; raise ValueError for another.
 
     The mark, and Windows' line ends, are taken away.
     """
-    encoding = next((name for mark, name in MARKS.items() if data.startswith(mark)), "utf-8")
+    declared = encoding(data)
     try:
-        return data.decode(encoding).replace("\r\n", "\n")
+        return data.decode(declared).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ValueError(f"line {line} is not {encoding.upper()} text: save it as UTF-8") from error
+        raise ValueError(f"line {line} is not {declared.upper()} text: save it as UTF-8") from error
 
 
 def refuse_endless(path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import msgspec
+from msgspec import UNSET
 
 from companion.telemetry import ranges
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
@@ -71,13 +72,11 @@ class SetSetpoint(Payload, frozen=True):
 
     order = "hold"
 
-    depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = msgspec.UNSET
-    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
-    x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = msgspec.UNSET
-    y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = msgspec.UNSET
-    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = (
-        msgspec.UNSET
-    )
+    depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = UNSET
+    x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = UNSET
+    y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = UNSET
 
 
 class Goto(Payload, frozen=True):
@@ -91,17 +90,13 @@ class Goto(Payload, frozen=True):
 
     order = "go to"
 
-    x_m: Annotated[ranges.Metres, means("north, or forward")] | Optional = msgspec.UNSET
-    y_m: Annotated[ranges.Metres, means("east, or to the right")] | Optional = msgspec.UNSET
-    depth_m: Annotated[ranges.Metres, means("below the surface, or down")] | Optional = msgspec.UNSET
-    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = msgspec.UNSET
-    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = (
-        msgspec.UNSET
-    )
-    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = (
-        msgspec.UNSET
-    )
-    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = msgspec.UNSET
+    x_m: Annotated[ranges.Metres, means("north, or forward")] | Optional = UNSET
+    y_m: Annotated[ranges.Metres, means("east, or to the right")] | Optional = UNSET
+    depth_m: Annotated[ranges.Metres, means("below the surface, or down")] | Optional = UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = UNSET
+    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = UNSET
+    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = UNSET
     frame: Annotated[Literal["local", "offset", "body"], means("what they count from")] = "local"
     speed_mps: Annotated[ranges.PathSpeed, means("slower where a limit asks for it")] = 0.2
     acceleration_mps2: ranges.PathAcceleration = 0.1
@@ -154,25 +149,23 @@ class SetGains(Payload, frozen=True):
     order = "set gains"
 
     axis: AxisName
-    lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = msgspec.UNSET
-    kappa_per_s: Annotated[ranges.Kappa, means("decay of the combined error", "κ")] | Optional = msgspec.UNSET
+    lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = UNSET
+    kappa_per_s: Annotated[ranges.Kappa, means("decay of the combined error", "κ")] | Optional = UNSET
     learning_rate: Annotated[ranges.LearningRate, means("of the compensator", "learning rate")] | Optional = (
-        msgspec.UNSET
+        UNSET
     )
     hidden_learning_rate: (
         Annotated[ranges.HiddenLearningRate, means("of the network's hidden layer", "hidden rate")] | Optional
-    ) = msgspec.UNSET
-    leak_per_s: Annotated[ranges.Leak, means("decay of the learnt weights", "leak")] | Optional = (
-        msgspec.UNSET
-    )
+    ) = UNSET
+    leak_per_s: Annotated[ranges.Leak, means("decay of the learnt weights", "leak")] | Optional = UNSET
     dead_zone: (
         Annotated[ranges.DeadZone, means("combined error within which nothing is learnt", "dead zone")]
         | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     max_disturbance: (
         Annotated[ranges.Force, means("bound of the estimated disturbance", "limit of d̂", "N or N·m")]
         | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     confirm: Confirmed = False
 
 
@@ -183,20 +176,18 @@ class SetEstimator(Payload, frozen=True):
 
     axis: AxisName
     position_noise: Annotated[ranges.Noise, means("of one sample, m or rad", "position noise")] | Optional = (
-        msgspec.UNSET
+        UNSET
     )
-    rate_noise: Annotated[ranges.Noise, means("of one sample, per s", "rate noise")] | Optional = (
-        msgspec.UNSET
-    )
+    rate_noise: Annotated[ranges.Noise, means("of one sample, per s", "rate noise")] | Optional = UNSET
     position_noise_slow: (
         Annotated[ranges.SlowNoise, means("slowly varying, m or rad", "slow position noise")] | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     rate_noise_slow: (
         Annotated[ranges.SlowNoise, means("slowly varying, per s", "slow rate noise")] | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     disturbance_noise: (
         Annotated[ranges.DisturbanceNoise, means("N or N·m, per √s", "disturbance noise")] | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     confirm: Confirmed = False
 
 
@@ -327,7 +318,7 @@ def parse(
 def named(command: Payload) -> dict[str, Any]:
     """Return the fields that a payload names, with their values."""
     values = ((key, getattr(command, key)) for key in command.__struct_fields__)
-    return {key: value for key, value in values if value is not msgspec.UNSET}
+    return {key: value for key, value in values if value is not UNSET}
 
 
 def fields(kind: type[Payload]) -> Iterator[Field]:

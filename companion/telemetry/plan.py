@@ -7,6 +7,7 @@ docs/guidance.md explains them with examples. x is north, y is east, in metres.
 from typing import Annotated, Literal
 
 import msgspec
+from msgspec import UNSET
 
 from companion.telemetry import ranges
 from companion.telemetry.words import means
@@ -34,12 +35,12 @@ class Waypoint(Table, frozen=True, kw_only=True):
 
     x_m: North
     y_m: East
-    depth_m: Depth | Optional = msgspec.UNSET
-    heading_deg: Bearing | Optional = msgspec.UNSET
+    depth_m: Depth | Optional = UNSET
+    heading_deg: Bearing | Optional = UNSET
     corner_m: (
         Annotated[ranges.Corner, means("the turn begins and ends this far from the point; 0: stop")]
         | Optional
-    ) = msgspec.UNSET
+    ) = UNSET
     wait_s: Annotated[ranges.Hour, means("rest here")] = 0.0
 
 
@@ -48,7 +49,7 @@ class Centred(Table, frozen=True, kw_only=True):
 
     x_m: Annotated[ranges.Metres, means("north, of the centre")] = 0.0
     y_m: Annotated[ranges.Metres, means("east, of the centre")] = 0.0
-    depth_m: Depth | Optional = msgspec.UNSET
+    depth_m: Depth | Optional = UNSET
 
 
 class Circle(Centred, frozen=True, kw_only=True):
@@ -86,18 +87,14 @@ class PathPlan(Table, frozen=True, kw_only=True):
     heading: Annotated[Literal["along", "keep"], means("follow the path, or keep that of the start")] = (
         "along"
     )
-    heading_deg: Annotated[ranges.HeadingDeg, means("a fixed heading instead")] | Optional = msgspec.UNSET
-    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of depths")] | Optional = (
-        msgspec.UNSET
-    )
-    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = (
-        msgspec.UNSET
-    )
-    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = msgspec.UNSET
+    heading_deg: Annotated[ranges.HeadingDeg, means("a fixed heading instead")] | Optional = UNSET
+    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of depths")] | Optional = UNSET
+    roll_deg: Annotated[ranges.HeldAngle, means("angle to be held, right side down")] | Optional = UNSET
+    pitch_deg: Annotated[ranges.HeldAngle, means("angle to be held, bow up")] | Optional = UNSET
     corner_m: Annotated[ranges.Corner, means("of waypoints that have none of their own")] = 0.5
     laps: Annotated[ranges.Laps, means("how often; 0: until stopped")] = 1
     closed: Annotated[bool, means("go back from the last waypoint to the first")] = False
     waypoint: tuple[Waypoint, ...] = ()
-    circle: Circle | Optional = msgspec.UNSET
-    lemniscate: Lemniscate | Optional = msgspec.UNSET
-    lawn_mower: LawnMower | Optional = msgspec.UNSET
+    circle: Circle | Optional = UNSET
+    lemniscate: Lemniscate | Optional = UNSET
+    lawn_mower: LawnMower | Optional = UNSET

@@ -8,14 +8,14 @@ be the decimal sign. Times are seconds, milliseconds, microseconds or nanosecond
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams
-from holdfast.files import MARKS
+from holdfast.files import encoding
 from lab.identify.telemetry import not_read
 
 TIME: Final = "t_s"
@@ -40,13 +40,13 @@ EVERY: Final = 4096
 
 def header(head: bytes) -> str:
     """Return the header in the first bytes of a file, empty where it has none."""
-    lines = head.decode(_encoding(head), errors="replace").splitlines()
+    lines = head.decode(encoding(head), errors="replace").splitlines()
     return next((line for line in lines[:MAX_BEFORE] if TIME in _names(line, _separator(line))), "")
 
 
 def quoted(head: bytes) -> str:
     """Return what a refusal quotes of a text: its first line; nothing of what is no text."""
-    line = next(iter(head.decode(_encoding(head), errors="replace").splitlines()), "")
+    line = next(iter(head.decode(encoding(head), errors="replace").splitlines()), "")
     return f"; it begins with: {line[:MAX_QUOTED]}" if line.isprintable() and "\ufffd" not in line else ""
 
 
@@ -54,8 +54,8 @@ def read(path: Path, progress: Callable[[float], None]) -> Streams:
     """Read it; a row has commands or measurements, or both. Raises NoDiveError, OSError."""
     streams, size, unread = Streams(), path.stat().st_size, Counter[str]()
     with path.open("rb") as binary:
-        encoding = _encoding(binary.read(4))
-    with path.open(encoding=encoding, errors="replace", newline="") as file:
+        declared = encoding(binary.read(4))
+    with path.open(encoding=declared, errors="replace", newline="") as file:
         lines = (line[:MAX_LINE] for line in iter(lambda: file.readline(MAX_LINE), ""))
         head = next(line for line in lines if TIME in _names(line, _separator(line)))
         separator = _separator(head)
@@ -66,8 +66,9 @@ def read(path: Path, progress: Callable[[float], None]) -> Streams:
                 f"its header is: {head.strip()[:MAX_QUOTED]}"
             )
         number, before_s, backwards = 0, -math.inf, 0
+        rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
         try:
-            for number, cells in enumerate(_rows(lines, separator)):
+            for number, cells in enumerate(rows):
                 if number > MAX_ROWS:
                     raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
                 if number % EVERY == 0:
@@ -83,20 +84,12 @@ def read(path: Path, progress: Callable[[float], None]) -> Streams:
     return streams
 
 
-def _encoding(head: bytes) -> str:
-    return next((name for mark, name in MARKS.items() if head.startswith(mark)), "utf-8")
-
-
 def _separator(line: str) -> str:
     return max(SEPARATORS, key=line.count)
 
 
 def _names(line: str, separator: str) -> list[str]:
     return [name.strip().strip('"').strip().lower() for name in line.strip().split(separator)]
-
-
-def _rows(lines: Iterator[str], separator: str) -> Iterator[list[str]]:
-    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
 
 
 def _take(streams: Streams, row: Mapping[str, Any], unread: Counter[str], *, comma: bool) -> float:
