@@ -242,10 +242,11 @@ class App:
         engine, commands = self._engine, self._commands
         try:
             given = commands.before_tick(engine, now_s)
-            requests, self._requests = [*self._requests, *given.requests], []
+            requests = self._requests = [*self._requests, *given.requests]
             datagrams = self._inbox.take()
             ground = self._relay.take() if self._ground is not None else []
             out, sample = engine.step(now_s, datagrams, health, requests, ground)
+            self._requests = []
             for data in out:
                 self._link.send(data)
             if self._ground is not None:
@@ -300,12 +301,16 @@ class App:
         return parting(steering=self._engine.steering, silent=self._silent)
 
     def _ride_out(self, error: Exception) -> None:
-        """Go on after a failed tick without what commands asked for; end where another one fails soon."""
+        """Go on after a failed tick without what commands asked for; end where another one fails soon.
+
+        A release is asked for again.
+        """
         if self._ticks - self._failed_tick <= RIDE_OUT_TICKS or self._manoeuvre is not None:
             self._fail(error)
             return
         self._failed_tick = self._ticks
         self._beside.fail("a tick", error)
+        self._requests = [one for one in self._requests if one in (Request.STOP, Request.WITHDRAW)]
         self._beside.do("holding", lambda: self._engine.guide(SetPath(action="hold")))
         self._beside.do("the old gains", lambda: self._engine.retune(self._config))
 

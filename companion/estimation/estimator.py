@@ -65,7 +65,8 @@ MAX_RESET_INNOVATION = 1.0
 """m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
 
 JUMP_BELIEVED_S = 2.0
-"""A depth that jumped is left out, and so is stale soon; after this long it is where the vehicle is."""
+"""A depth that jumped is left out, and so is stale soon, also after a silence; after this long, and after any
+that may be ridden out, it is where the vehicle is."""
 
 ARMING_S = 0.5
 """So soon after arming the zero of depth is the autopilot's, which sets it then."""
@@ -105,7 +106,7 @@ class Estimator:
             DepthRate: self._on_depth_rate,
             Position: self._on_position,
             Pressure: self._on_pressure,
-            Range: self._on_range,
+            Range: lambda event: self._ranges.append(event),
             ServoOutput: self._on_servo_output,
             TimeSync: self._on_timesync,
             Heartbeat: self._on_heartbeat,
@@ -129,6 +130,7 @@ class Estimator:
         """Take what the supervisor's configuration says of jumps and ages."""
         self.max_depth_jump_m = limits.max_depth_jump_m
         position_s = limits.position_timeout_s
+        self._believed_s = max(JUMP_BELIEVED_S, 2.0 * limits.link_timeout_s)
         self._timeout_s = (position_s, position_s, limits.depth_timeout_s, limits.attitude_timeout_s)
 
     def restart(self) -> None:
@@ -145,12 +147,11 @@ class Estimator:
         self._ranges: list[Range] = []
         self._water = Water()
         self._heading_watch = HeadingWatch()
-        self._refusing = False
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets = DepthResets()
         self._begins_depth = False
         self._yaw_reset_t_s = self._position_reset_t_s = self._depth_reset_t_s = -math.inf
-        self._frame_shift: FrameShift | None = None
+        self._shifted = [0.0] * len(DOFS)
 
     def take(
         self,
@@ -170,13 +171,11 @@ class Estimator:
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
         self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.states[Z])
-        hidden_s = memory.hidden.hidden_s
         self._depth_refused = False
-        self._frame_shift = None
-        self._reset_by = [0.0] * len(DOFS)
+        self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)
         self._measured = [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
-        self._hidden_s = hidden_s
+        self._hidden_s = memory.hidden.hidden_s
         for event in events:
             self._take(event)
         delays = self._meter.delays
@@ -235,7 +234,7 @@ class Estimator:
             delays.telemetry_s,
         )
         self._ranges.clear()
-        shift = self._frame_shift
+        north_m, east_m, down_m, turn_rad = self._shifted
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
         J = jacobian(eta[PSI])
         current = self._water.step(self._model, J, eta_dot, disturbance, model.dof_gain, self._tick_s, seen)
@@ -286,7 +285,7 @@ class Estimator:
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
-            frame_shift=shift,
+            frame_shift=FrameShift(turn_rad, north_m, east_m, down_m) if any(self._shifted) else None,
             depth_offset_m=self.frame.sunk_m,
             stale=stale,
             dead_motor=dead_motor,
@@ -350,17 +349,15 @@ class Estimator:
     def _rate(self, dof: int, value: float, at_s: float) -> None:
         self._measured[dof] = self._measured[dof]._replace(rate=value, rate_s=at_s)
 
-    def _note_reset(self, turn_rad: float, north_m: float, east_m: float, down_m: float = 0.0) -> None:
+    def _note_reset(self, north_m: float, east_m: float, down_m: float, turn_rad: float) -> None:
         """Report a reset of the EKF; samples of this tick from before it are left out."""
         for dof in () if down_m else (X, Y, PSI):
             self._measured[dof] = NOTHING
-        reported = self._frame_shift or FrameShift(0.0, 0.0, 0.0)
-        self._frame_shift = FrameShift(
-            reported.turn_rad + turn_rad,
-            reported.north_m + north_m,
-            reported.east_m + east_m,
-            reported.down_m + down_m,
-        )
+        by = north_m, east_m, down_m, turn_rad
+        self._shifted = list(map(add, self._shifted, by))
+        self._reset_by = [
+            min(a + abs(b), MAX_RESET_INNOVATION) for a, b in zip(self._reset_by, by, strict=True)
+        ]
 
     def _on_attitude(self, event: Attitude) -> None:
         self._attitude = event
@@ -369,8 +366,7 @@ class Estimator:
         turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, heading_rate)
         if turn_rad:
             self._yaw_reset_t_s = event.t_s
-            self._reset_by[PSI] = min(self._reset_by[PSI] + abs(turn_rad), MAX_RESET_INNOVATION)
-            self._note_reset(turn_rad, 0.0, 0.0)
+            self._note_reset(0.0, 0.0, 0.0, turn_rad)
             north_m = self._x_resets.extrapolated(event.boot_s)
             east_m = self._y_resets.extrapolated(event.boot_s)
             self.frame = self.frame.turned(turn_rad, north_m, east_m)
@@ -395,11 +391,10 @@ class Estimator:
             self._begins_depth = False
         innovation_m = abs(z_m - self._expected_depth_m)
         known_s = event.t_s - self._measured_t_s[Z]
-        believed_s = JUMP_BELIEVED_S if self._refusing else MAX_GAP_S
-        if innovation_m > self.max_depth_jump_m and known_s <= believed_s and self._heartbeat.armed:
-            self._depth_refused = self._refusing = True
+        jumped = innovation_m > self.max_depth_jump_m and known_s <= self._believed_s
+        if jumped and self._heartbeat.armed:
+            self._depth_refused = True
             return
-        self._refusing = False
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: Pressure) -> None:
@@ -415,8 +410,7 @@ class Estimator:
         elif down_m:
             self.frame = self.frame._replace(sunk_m=self.frame.sunk_m + down_m)
             self._depth_reset_t_s = t_s
-            self._reset_by[Z] = min(self._reset_by[Z] + abs(down_m), MAX_RESET_INNOVATION)
-            self._note_reset(0.0, 0.0, 0.0, down_m)
+            self._note_reset(0.0, 0.0, down_m, 0.0)
 
     def _on_reboot(self, _: Event) -> None:
         self.frame = self.frame._replace(sunk_m=0.0)
@@ -435,9 +429,7 @@ class Estimator:
         if north_m or east_m:
             if math.hypot(north_m, east_m) > POSITION_WARNED_M:
                 self._position_reset_t_s = event.t_s
-            self._reset_by[X] = min(self._reset_by[X] + abs(north_m), MAX_RESET_INNOVATION)
-            self._reset_by[Y] = min(self._reset_by[Y] + abs(east_m), MAX_RESET_INNOVATION)
-            self._note_reset(0.0, north_m, east_m)
+            self._note_reset(north_m, east_m, 0.0, 0.0)
             self.frame = self.frame.jumped(north_m, east_m, event.t_s, held=self._held)
         x, y, _, _ = self.frame.now.inside((event.x_m, event.y_m, 0.0, 0.0))
         u, v, _, _ = self.frame.settled.inward((event.vx_mps, event.vy_mps, 0.0, 0.0))
@@ -445,9 +437,6 @@ class Estimator:
         self._position(Y, y, event.t_s, at_s)
         self._rate(X, u, at_s)
         self._rate(Y, v, at_s)
-
-    def _on_range(self, event: Range) -> None:
-        self._ranges.append(event)
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.motor_count

@@ -48,6 +48,9 @@ PRESSURE_LASTS_S = 1.2
 JUDGED_AFTER_S = 0.15
 """A pressure that was true so long after a reset of depth shows whether the vehicle moved."""
 
+MOST_IN_A_ROW = 8
+"""Without a pressure more jumps than that, with less than MEMORY_S between them, are a wrong climb rate."""
+
 DRIFT_S = 5.0
 """So slowly the usual difference of depth and pressure follows the present one."""
 
@@ -65,10 +68,6 @@ class ResetDetector:
         self.threshold = threshold
         self._max_acceleration = max_acceleration
         self._angular = angular
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget the last sample."""
         self._at_s = math.nan
         self._value = self._rate = self.unexplained = 0.0
 
@@ -112,7 +111,7 @@ class DepthResets:
 
     A jump is believed at once, and the pressure (SCALED_PRESSURE) that comes later takes it back if it shows
     the jump as well. What comes in many small steps is believed once pressure says so. A noisy depth, such as
-    the raw barometer's, has to jump by twice its noise.
+    the raw barometer's, has to jump by twice its noise; jumps that were motion count as noise.
     """
 
     def __init__(self) -> None:
@@ -121,12 +120,10 @@ class DepthResets:
         """Now, and when the difference of depth and pressure was the usual one last."""
         self._depths = deque[tuple[float, float]](maxlen=25)
         """The last samples: when they were true (autopilot's clock), and m."""
-        self._last_s = -math.inf
-        """When the last reset was."""
         self.late = False
         """Whether the last pressure has shown a reset that was taken for a motion until then."""
-        self._doubtful_m = 0.0
-        """Sum of the resets that no pressure has judged."""
+        self._doubtful: list[tuple[float, float]] = []
+        """Resets that no pressure has judged: when, and m."""
         self._pressure_s = -math.inf
         self._usual_m = math.nan
         """Of depth minus the pressure's."""
@@ -140,7 +137,9 @@ class DepthResets:
         """
         detector, pressed = self._detector, at_s - self._pressure_s < PRESSURE_LASTS_S
         if not pressed:
-            self._usual_m, self._doubtful_m = math.nan, 0.0
+            self._usual_m = math.nan
+            if self._doubtful and at_s - self._doubtful[-1][0] > MEMORY_S:
+                self.accept()
         gap_s = max(at_s - self._depths[-1][0], 0.0) if self._depths else 0.0
         self._depths.append((at_s, depth_m))
         self._noise_m *= math.exp(-gap_s / NOISE_LASTS_S)
@@ -148,9 +147,11 @@ class DepthResets:
         reset_m = detector.step(at_s, depth_m, rate_mps)
         if not reset_m:
             self._noise_m = max(self._noise_m, abs(detector.unexplained))
+        elif not pressed and len(self._doubtful) >= MOST_IN_A_ROW:
+            self._noise_m = max(self._noise_m, abs(reset_m))
         elif pressed or (climbs and 2.0 * surprise_m * reset_m > reset_m**2):
-            self._doubtful_m += reset_m
-            return self._took(at_s, reset_m)
+            self._doubtful.append((at_s, reset_m))
+            return self._took(reset_m)
         return 0.0
 
     def pressed(self, at_s: float, depth_m: float) -> float:
@@ -162,13 +163,16 @@ class DepthResets:
         difference_m = next((z for t_s, z in reversed(self._depths) if t_s <= at_s), math.nan) - depth_m
         if math.isnan(self._usual_m):
             self._usual_m = difference_m
-        surprise_m, doubtful_m = difference_m - self._usual_m, self._doubtful_m
-        if doubtful_m and at_s - self._last_s < JUDGED_AFTER_S:
-            return 0.0
-        if doubtful_m:
-            self.accept()
-            if abs(surprise_m + doubtful_m) < 0.5 * abs(doubtful_m):
-                return self._took(at_s, -doubtful_m)
+        surprise_m = difference_m - self._usual_m
+        if self._doubtful:
+            if at_s - self._doubtful[0][0] < JUDGED_AFTER_S:
+                return 0.0
+            judged_m = sum(reset_m for t_s, reset_m in self._doubtful if t_s <= at_s)
+            self._doubtful = [(t_s, reset_m) for t_s, reset_m in self._doubtful if t_s > at_s]
+            surprise_m += sum(reset_m for _, reset_m in self._doubtful)
+            if abs(surprise_m + judged_m) < 0.5 * abs(judged_m):
+                self._noise_m = max(self._noise_m, abs(judged_m))
+                return self._took(-judged_m)
         unlike_m = self._detector.unexplained - surprise_m
         if surprise_m * self._peak_m < 0.0:
             self._wander_m, self._peak_m = max(self._wander_m, abs(self._peak_m)), 0.0
@@ -179,15 +183,14 @@ class DepthResets:
         if max(2.0 * abs(unlike_m), least_m) < abs(surprise_m):
             self._detector.unexplained, self._noise_m = 0.0, self._usual_noise_m
             self.late = True
-            return self._took(at_s, surprise_m)
+            return self._took(surprise_m)
         self._usual_m += (1.0 - math.exp(-gap_s / DRIFT_S)) * surprise_m
         return 0.0
 
     def accept(self) -> None:
         """Take nothing back of what was reset so far."""
-        self._doubtful_m = 0.0
+        self._doubtful.clear()
 
-    def _took(self, at_s: float, reset_m: float) -> float:
+    def _took(self, reset_m: float) -> float:
         self._usual_m += reset_m
-        self._last_s = at_s
         return reset_m

@@ -59,7 +59,10 @@ def _bound_s(
 
 
 def _depth_stale(now: Situation, limits: SupervisorLimits) -> bool:
-    return not now.observed.state.ages.depth_s <= _bound_s(now, limits, limits.depth_timeout_s)
+    state, timeout_s = now.observed.state, limits.depth_timeout_s
+    if not state.depth_refused:  # a depth that jumped is no silence
+        timeout_s = _bound_s(now, limits, timeout_s)
+    return not state.ages.depth_s <= timeout_s
 
 
 def _attitude_stale(now: Situation, limits: SupervisorLimits) -> bool:

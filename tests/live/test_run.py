@@ -353,22 +353,24 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
     assert overrides == ([1500] * 5 if steering else [])
 
 
-def test_one_tick_that_fails_by_what_a_command_asked_for_drops_that_and_ends_nothing(
+def test_one_tick_that_fails_by_what_a_command_asked_for_drops_all_but_a_release_and_ends_nothing(
     monkeypatch: pytest.MonkeyPatch, vehicle: socket.socket, caplog: pytest.LogCaptureFixture
 ) -> None:
-    step, orders, retuned = Engine.step, list[object](), list[object]()
+    step, orders, retuned, asked = Engine.step, list[object](), list[object](), list[list[Request]]()
 
     def fails_while_asked(self: Engine, now_s: float, datagrams: Any, loop: Any, *more: Any) -> object:
-        if loop.tick == 60:
+        asked.append(list(more[0]))
+        if loop.tick == 30:
             os.kill(os.getpid(), signal.SIGTERM)
-        if loop.tick >= 30 and not orders:
+        if not orders:
             raise ZeroDivisionError("planted")
         return step(self, now_s, datagrams, loop, *more)
 
     monkeypatch.setattr(Engine, "step", fails_while_asked)
     monkeypatch.setattr(Engine, "guide", lambda self, order: orders.append(order))
     monkeypatch.setattr(Engine, "retune", lambda self, config: retuned.append(config))
-    assert ran(link_to(vehicle)) == 0
+    assert ran(link_to(vehicle), Request.ENGAGE, Request.STOP) == 0
+    assert asked[:3] == [[Request.ENGAGE, Request.STOP], [Request.STOP], []]
     assert (orders, len(retuned)) == ([SetPath(action="hold")], 1)
     assert "a tick failed" in caplog.text
 
