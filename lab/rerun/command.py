@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +38,21 @@ def main(argv: list[str]) -> int:
     add_settings(parser)
     removed_option(parser, "--out", "the table says when and by how much the commands differ")
     options = parser.parse_args(argv)
+    changed = bool(options.set or options.config)
     try:
-        tape = bounded(load, options.files, options.files)
-        config = configured(tape, options.set, options.config)
-        changed = bool(options.set or options.config)
-        outcome = rerun(tape, config, follow=not changed)
-    except (ValueError, KeyError) as error:
+        tape, outcome = bounded(again, options.files, options.files, options.set, options.config)
+    except ValueError as error:
         sys.stderr.write(f"holdfast lab rerun: {error}\n")
         return 2
     sys.stdout.write("\n".join(lines(tape, outcome, changed)) + "\n")
     return 1 if outcome.different else 0
+
+
+def again(files: Sequence[Path], overrides: Sequence[str], config: Path | None) -> tuple[Tape, Outcome]:
+    """Read a dive and run it again, its retunes only where nothing else changes the configuration."""
+    tape = load(files)
+    follow = not (overrides or config)
+    return tape, rerun(tape, configured(tape, overrides, config), follow=follow)
 
 
 def lines(tape: Tape, outcome: Outcome, changed: bool) -> Iterator[str]:

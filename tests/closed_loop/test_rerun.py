@@ -97,9 +97,7 @@ def written(path: Path, ticks: list[telemetry.Raw], config: Config | None = None
     return path
 
 
-def test_the_same_code_sends_the_same_bytes(
-    dive: list[telemetry.Raw], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_code_sends_the_same_bytes(dive, tmp_path, capsys):
     assert any(len(raw.out) for raw in dive[300:])
     one, two = written(tmp_path / "1.mcap", dive[:250]), written(tmp_path / "2.mcap", dive[240:])
     assert main([str(two), str(one)]) == 0
@@ -196,9 +194,14 @@ def test_a_configuration_of_another_day_is_laid_on_todays(dive: list[telemetry.R
     assert any("yaw.dead_zone is newer" in note for note in tape.notes)
 
 
-def test_a_dive_without_raw_ticks_cannot_be_run_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("spoiled", [{"out": [b""]}, {"setpoint": [0.0] * 16}, {"requests": ["DANCE"]}])
+def test_a_spoiled_tick_is_refused_in_one_line(dive, tmp_path, capsys, spoiled):
+    file = written(tmp_path / "x.mcap", [msgspec.structs.replace(dive[0], **spoiled), *dive[1:5]])
+    assert main([str(file)]) == 2
+    assert capsys.readouterr().err.startswith(f"holdfast lab rerun: {file}: cannot be read: ")
+
+
+def test_a_dive_without_raw_ticks_cannot_be_run_again(tmp_path, capsys):
     recording = Recording(tmp_path / "x.mcap")
     recording.close()
     with pytest.raises(RerunError, match=r"telemetry\.raw=true"):
@@ -218,15 +221,11 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(
         (write_blueos_mcap, "recorder.mcap"),
     ],
 )
-def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(
-    write: Any, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(write, name, tmp_path, capsys):
     write(logged_dive(5.0), tmp_path / name)
     assert holdfast.main(["lab", "rerun", str(tmp_path / name)]) == 2
-    expected = (
-        f"{tmp_path / name}: is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
-    )
-    assert capsys.readouterr().err == f"holdfast lab rerun: {expected}\n"
+    said = "is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
+    assert capsys.readouterr().err == f"holdfast lab rerun: {tmp_path / name}: {said}\n"
 
 
 def test_the_command_is_read_from_the_bytes(dive: list[telemetry.Raw], tmp_path: Path) -> None:
