@@ -34,7 +34,10 @@ MEMORY_S = 1.0
 by more than about 1 °/s counts as reset as well; a slower correction is followed."""
 
 MAX_GAP_S = 0.5
-"""Over a longer gap nothing is known: the first sample after it starts again."""
+"""Over a longer gap rates tell nothing: the first sample after it starts again."""
+
+BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
+"""What an interruption that is ridden out may bring beside the fastest rate before and after it."""
 
 NOISE_LASTS_S = 5.0
 """What the climb rate did not explain within this time counts as the noise of depth."""
@@ -61,11 +64,14 @@ class ResetDetector:
     Between two samples the rate is taken as a straight line. What a rate that does not follow this line can
     add is the uncertainty: half of its change times the gap, and what `max_acceleration` gives and takes back
     in the gap. It is no reset, so a gap in the telemetry while the vehicle really turns is none. Where it is
-    larger than the threshold, what does not exceed it is not added up.
+    larger than the threshold, what does not exceed it is not added up. Over a gap of up to BLIND_S `blind` is
+    added to the way at the larger rate.
     """
 
-    def __init__(self, threshold: float, max_acceleration: float, *, angular: bool) -> None:
-        self.threshold = threshold
+    def __init__(
+        self, threshold: float, max_acceleration: float, blind: float = math.inf, *, angular: bool
+    ) -> None:
+        self.threshold, self._blind = threshold, blind
         self._max_acceleration = max_acceleration
         self._angular = angular
         self._at_s = math.nan
@@ -82,10 +88,11 @@ class ResetDetector:
         moved, rate_change = value - self._value, rate - self._rate
         expected = 0.5 * gap_s * (rate + self._rate)
         self._at_s, self._value, self._rate = at_s, value, rate
+        innovation = wrap(moved - expected) if self._angular else moved - expected
         if not 0.0 < gap_s <= MAX_GAP_S:
             self.unexplained = 0.0
-            return 0.0
-        innovation = wrap(moved - expected) if self._angular else moved - expected
+            most = self._blind + (abs(rate) + abs(rate_change)) * gap_s
+            return innovation if 0.0 < gap_s <= BLIND_S and abs(innovation) > most else 0.0
         uncertainty = 0.5 * abs(rate_change) * gap_s + 0.25 * self._max_acceleration * gap_s**2
         self.unexplained *= math.exp(-gap_s / MEMORY_S)
         if uncertainty < self.threshold or abs(innovation) > uncertainty:
@@ -98,12 +105,12 @@ class ResetDetector:
 
 def yaw_resets() -> ResetDetector:
     """Return the detector for yaw (rad) and its rate."""
-    return ResetDetector(YAW_RESET_RAD, MAX_YAW_ACCELERATION, angular=True)
+    return ResetDetector(YAW_RESET_RAD, MAX_YAW_ACCELERATION, BLIND_YAW_RAD, angular=True)
 
 
 def position_resets() -> ResetDetector:
     """Return the detector for one horizontal coordinate (m) and its rate."""
-    return ResetDetector(POSITION_RESET_M, MAX_ACCELERATION, angular=False)
+    return ResetDetector(POSITION_RESET_M, MAX_ACCELERATION, BLIND_POSITION_M, angular=False)
 
 
 class DepthResets:
