@@ -183,12 +183,9 @@ class Estimator:
             self.restart()
             delays, self._hidden_s = self._meter.delays, 0.0
         self._loop_delays = replace(delays, hidden_s=self._hidden_s)
-        self._stale = (
-            self._is_stale(X, now_s),
-            self._is_stale(Y, now_s),
-            self._is_stale(Z, now_s),
-            self._is_stale(PSI, now_s),
-        )
+        ages_s = [now_s - t_s for t_s in self._measured_t_s]
+        north, east, down, turn = (not a <= b for a, b in zip(ages_s, self._timeout_s, strict=True))
+        self._stale = north, east, down, turn
         x, y, z, psi = self._measured
         attitude = self._attitude
         if self._restarted:
@@ -307,10 +304,6 @@ class Estimator:
     def sent(self, now_s: float, axes: Vector) -> None:
         """Note the axes that were sent."""
         self._meter.sent(now_s, axes)
-
-    def _is_stale(self, dof: int, now_s: float) -> bool:
-        """Tell whether a degree of freedom was not measured for longer than its timeout."""
-        return not now_s - self._measured_t_s[dof] <= self._timeout_s[dof]
 
     def _take(self, event: Event) -> None:
         kind = type(event)

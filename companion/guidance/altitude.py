@@ -15,7 +15,6 @@ a nod comes from the time before it, and is no answer.
 """
 
 import math
-from typing import NamedTuple
 
 from companion.control.bounds import clamped, limited
 from companion.estimation.ground import ANSWERS, MOVES_ALONG
@@ -30,14 +29,6 @@ LEG_SHARE, LEG_M, RISE_LEGS = 0.5, 1.0, 2.0
 NOD_M, NOD_S, NOD_FROM = 0.1, 4.0, 0.5
 """Amplitude of the nod, several times the scatter of a range; its period, eight times what is unknown of the
 range's delay; and the part of a leg from which it nods."""
-
-
-class Nod(NamedTuple):
-    """What the nod adds to the wanted depth."""
-
-    depth_m: float
-    rate_mps: float
-    acceleration_mps2: float
 
 
 class AltitudeHold:
@@ -60,7 +51,8 @@ class AltitudeHold:
         """Depth and ground of the last answer."""
         self._fails = self._nods = False
         self._nod_share = self._nod_s = 0.0
-        self._nod = Nod(0.0, 0.0, 0.0)
+        self._nod = (0.0, 0.0, 0.0)
+        """What the nod adds to the wanted depth, its rate and acceleration."""
 
     def take(self) -> None:
         """Keep the altitude to which the pilot moves it."""
@@ -100,7 +92,7 @@ class AltitudeHold:
         self.depth_m += self.rate_mps * dt_s
         self._nod = self._nodded(dt_s)
 
-    def _nodded(self, dt_s: float) -> Nod:
+    def _nodded(self, dt_s: float) -> tuple[float, float, float]:
         """Return the nod after `dt_s`; it swells and ends within half a period."""
         wanted = 1.0 if self._nods else 0.0
         self._nod_share += limited(wanted - self._nod_share, 2.0 * dt_s / NOD_S)
@@ -108,8 +100,9 @@ class AltitudeHold:
         depth_m = NOD_M * self._nod_share * math.sin(math.tau * self._nod_s / NOD_S)
         if not dt_s > 0.0:
             return self._nod
-        rate_mps = (depth_m - self._nod.depth_m) / dt_s
-        return Nod(depth_m, rate_mps, (rate_mps - self._nod.rate_mps) / dt_s)
+        before_m, before_mps, _ = self._nod
+        rate_mps = (depth_m - before_m) / dt_s
+        return depth_m, rate_mps, (rate_mps - before_mps) / dt_s
 
     def _permitted(self, ground: Ground, wanted_mps: float, acceleration_mps2: float) -> float:
         """Return the rate that the range's answers permit, and judge these."""
@@ -138,11 +131,11 @@ class AltitudeHold:
     @property
     def target(self) -> tuple[float, float, float]:
         """Depth, rate and acceleration that are wanted, with the nod."""
-        nod = self._nod
+        depth_m, rate_mps, acceleration_mps2 = self._nod
         return (
-            self.depth_m + nod.depth_m,
-            self.rate_mps + nod.rate_mps,
-            self.acceleration_mps2 + nod.acceleration_mps2,
+            self.depth_m + depth_m,
+            self.rate_mps + rate_mps,
+            self.acceleration_mps2 + acceleration_mps2,
         )
 
     def bound(self, shallow_m: float, deep_m: float) -> None:
