@@ -12,6 +12,7 @@ import pytest
 from autopilot import Autopilot
 
 from companion.config import load_config
+from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
@@ -90,10 +91,13 @@ def test_the_stock_vehicle_is_held_ten_seconds_after_boot(autopilot, companion):
     """
     companion(*ENGAGE)
     autopilot.until(lambda: autopilot.armed, 40.0)
-    autopilot.listen(20.0)
-    heard = autopilot.listen(40.0)
+    with Subscription(f"holdfast/{VEHICLE}/state", companion.endpoint) as seen:
+        autopilot.listen(20.0)
+        heard = autopilot.listen(40.0)
+        state = telemetry.decode(*seen.last()[-1])
     assert autopilot.armed
-    depth_m = np.array([-1e-3 * m.relative_alt for m in heard if m.get_type() == "GLOBAL_POSITION_INT"])
+    relative_m = np.array([-1e-3 * m.relative_alt for m in heard if m.get_type() == "GLOBAL_POSITION_INT"])
+    depth_m = relative_m - state.depth_offset_m  # its zero moves with its first fix
     yaw = np.unwrap([m.yaw for m in heard if m.get_type() == "SIMSTATE"])
     assert len(depth_m) > 300
     assert len(yaw) > 300
