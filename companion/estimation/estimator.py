@@ -106,7 +106,7 @@ class Estimator:
             DepthRate: self._on_depth_rate,
             Position: self._on_position,
             Pressure: self._on_pressure,
-            Range: lambda event: self._ranges.append(event),
+            Range: self._on_range,
             ServoOutput: self._on_servo_output,
             TimeSync: self._on_timesync,
             Heartbeat: self._on_heartbeat,
@@ -430,6 +430,9 @@ class Estimator:
         self._position(Y, y, event.t_s, at_s)
         self._rate(X, u, at_s)
         self._rate(Y, v, at_s)
+
+    def _on_range(self, event: Range) -> None:
+        self._ranges.append(event)
 
     def _on_servo_output(self, event: ServoOutput) -> None:
         count = self._thrusters.motor_count
