@@ -95,6 +95,7 @@ def test_the_stock_vehicle_is_held_ten_seconds_after_boot(autopilot, companion):
         autopilot.listen(20.0)
         heard = autopilot.listen(40.0)
         state = telemetry.decode(*seen.last()[-1])
+    assert isinstance(state, telemetry.State)
     assert autopilot.armed
     relative_m = np.array([-1e-3 * m.relative_alt for m in heard if m.get_type() == "GLOBAL_POSITION_INT"])
     depth_m = relative_m - state.depth_offset_m  # its zero moves with its first fix
