@@ -521,13 +521,13 @@ class Guidance:
             course = self._interrupted
         if course is None or course.done:
             raise ValueError("there is no path and no move under way")
-        if course.begun and not any(self.engaged):
-            raise ValueError("nothing is held, and it goes on from where it is held: engage first")
         why = "" if course.datum is None else difference(course.datum, self._datum)
         if why is None:
             raise ValueError("the autopilot has not told its boot count and origin yet: try again in seconds")
         if why:
             raise ValueError(f"{why}: it cannot go on where it was interrupted. Follow it anew")
+        if course.begun and not any(self.engaged):
+            raise ValueError("nothing is held, and it goes on from where it is held: engage first")
         if is_back:
             self._set_course(course, UNSET)
             self._interrupted = None
