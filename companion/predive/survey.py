@@ -25,7 +25,7 @@ from companion.records import (
     VehicleState,
 )
 from companion.supervision.conditions import NOTHING
-from companion.supervision.monitor import FAILSAFE
+from companion.telemetry.modes import FAILSAFE
 
 DEPTH_WINDOW_S = 2.0
 YAW_ALIGNMENT = "yaw alignment complete"

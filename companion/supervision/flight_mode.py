@@ -9,9 +9,8 @@ from collections.abc import Mapping
 
 from companion.records import Condition, State, VehicleState, Verdict, Z
 from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver, HandOverStep
-from companion.supervision.monitor import FAILSAFE
 from companion.supervision.steering_mode import ModeKeeper
-from companion.telemetry.modes import Mode
+from companion.telemetry.modes import FAILSAFE, Mode
 
 NEUTRAL_FRAMES_S = 0.5
 """Neutral frames are sent this long after our steering, or that of a companion that failed. Then silence, so

@@ -24,8 +24,7 @@ from companion.supervision.situation import (
     tilted,
     voltage_is_low,
 )
-from companion.telemetry.modes import FAILSAFE as FAILSAFE
-from companion.telemetry.modes import Mode
+from companion.telemetry.modes import FAILSAFE, Mode
 
 FAILSAFE_SETTLE_S = 1.5
 """A silent companion latches the pilot failsafe; the first heartbeat of its steering may still report it."""
