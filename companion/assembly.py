@@ -9,17 +9,19 @@ from msgspec.structs import asdict
 
 from companion import registry
 from companion.config import Axis, Config, ConfigError
-from companion.control import allocation, oscillation, reference, several
-from companion.control.actuation import Actuation
-from companion.control.allocation import Thrusters
-from companion.control.axis import Axis as AxisControl
-from companion.control.compensator import BESIDE_OBSERVER, ChosenCompensator
-from companion.control.controller import Control
-from companion.control.law import ChosenLaw
-from companion.control.levelling import NO_LEVELLING, Levelling, levelling_of
-from companion.control.positioning import Model
-from companion.control.schedule import D_HAT_TOLERATED_S, Gains, scheduled
-from companion.control.tilt import (
+from companion.core import allocation, oscillation, reference, several
+from companion.core.actuation import Actuation
+from companion.core.allocation import Thrusters
+from companion.core.axis import Axis as AxisControl
+from companion.core.compensator import BESIDE_OBSERVER, ChosenCompensator
+from companion.core.controller import Control
+from companion.core.law import ChosenLaw
+from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
+from companion.core.observers import Observers
+from companion.core.positioning import Model
+from companion.core.schedule import D_HAT_TOLERATED_S, Gains, scheduled
+from companion.core.tick import Parameters
+from companion.core.tilt import (
     ALARM_RAD,
     LEVELLED_N_PER_S,
     SLOW_N_PER_S,
@@ -27,9 +29,7 @@ from companion.control.tilt import (
     UNLEVELLED_N,
     TiltLimit,
 )
-from companion.core.tick import Parameters
 from companion.estimation.estimator import Estimator
-from companion.estimation.observers import Observers
 from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
 from companion.records import AXES, PSI, Array, vector
 from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law

@@ -7,12 +7,13 @@ from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
-from companion.control import attitude
-from companion.control.actuation import FULL, NONE
-from companion.control.allocation import HORIZONTAL, can_lose, reserve
-from companion.control.axis import AxisSample
-from companion.control.controller import Target
-from companion.control.reference import Reference
+from companion.core import attitude, observers
+from companion.core.actuation import FULL, NONE
+from companion.core.allocation import HORIZONTAL, can_lose, reserve
+from companion.core.axis import AxisSample
+from companion.core.controller import Target
+from companion.core.observers import Inputs
+from companion.core.reference import Reference
 from companion.core.tick import (
     Known,
     Memory,
@@ -26,8 +27,6 @@ from companion.core.tick import (
     start,
     tick,
 )
-from companion.estimation import observers
-from companion.estimation.observers import Inputs
 from companion.estimation.parameters import noise_of, tables_in_steps, with_noise
 from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance

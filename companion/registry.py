@@ -2,7 +2,7 @@
 
 A name is shipped, or an entry point of the group `holdfast.compensators` or `holdfast.laws` of an installed
 package, or the table `[compensators.NAME]` or `[laws.NAME]` of the configuration whose `module` is the file.
-What such a file defines is said in `companion/control/compensator.py` and `companion/control/law.py`.
+What such a file defines is said in `companion/core/compensator.py` and `companion/core/law.py`.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
 
-from companion.control import integrator, law, network, regressor
-from companion.control.compensator import Signals
-from companion.control.law import Motion, Terms
+from companion.core import integrator, law, network, regressor
+from companion.core.compensator import Signals
+from companion.core.law import Motion, Terms
 
 NONE, OBSERVER, LYAPUNOV = "none", "observer", "lyapunov"
 """No compensator; the observer's d fed back; the paper's law."""

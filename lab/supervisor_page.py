@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from companion.config import SupervisorLimits, load_config
-from companion.control.tilt import (
+from companion.core.tilt import (
     AHEAD_S,
     FAST_N_PER_S,
     LEVEL_RAD,

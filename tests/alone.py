@@ -5,13 +5,12 @@
 
 from companion import assembly
 from companion.config import load_config
-from companion.control import controller
-from companion.control.actuation import NONE
-from companion.control.controller import Ahead, Target
-from companion.control.positioning import jacobian
-from companion.estimation import model_learner, observers
-from companion.estimation.model_learner import Seen, seen_by
-from companion.estimation.vehicle_model import NO_EVIDENCE
+from companion.core import controller, model_learner, observers
+from companion.core.actuation import NONE
+from companion.core.controller import Ahead, Target
+from companion.core.model_learner import Seen, seen_by
+from companion.core.positioning import jacobian
+from companion.core.vehicle_model import NO_EVIDENCE
 from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector, without
 
 ALL = (True,) * 4

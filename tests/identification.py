@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.config import Config
-from companion.control.allocation import FACTORS, PER_NEWTON
+from companion.core.allocation import FACTORS, PER_NEWTON
 from companion.engine import Engine
 from companion.identify.fit import Fit
 from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from companion.control.compensator import INPUTS, Signals
+from companion.core.compensator import INPUTS, Signals
 
 DT_S = 0.02
 CONVENTIONS = {"leak_per_s": 0.0, "dead_zone": 0.0, "max_disturbance": 60.0}

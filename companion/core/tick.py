@@ -8,14 +8,13 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from companion.control import actuation, controller, levelling
-from companion.control.actuation import Actuation, ActuationMemory, Limits, Tilting
-from companion.control.allocation import ByAxis
-from companion.control.controller import Ahead, Control, ControlMemory, Samples, Target
-from companion.control.positioning import Jacobian, jacobian, to_body, to_inertial
-from companion.control.reference import Reference
-from companion.estimation import observers, thruster_watch
-from companion.estimation.observers import Inputs, Motion, Observers, ObserversMemory
+from companion.core import actuation, controller, levelling, observers, thruster_watch
+from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilting
+from companion.core.allocation import ByAxis
+from companion.core.controller import Ahead, Control, ControlMemory, Samples, Target
+from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
+from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
+from companion.core.reference import Reference
 from companion.records import PSI, Angles, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4

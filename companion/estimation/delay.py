@@ -11,7 +11,7 @@ COMMAND_SPREAD_S.
 
 import math
 
-from companion.control.bounds import clamped, limited
+from companion.core.bounds import clamped, limited
 from companion.estimation.clock import AutopilotClock
 from companion.estimation.echo import STALL_S, Echo
 from companion.records import ZERO, Delays, Vector

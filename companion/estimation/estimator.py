@@ -12,17 +12,16 @@ from typing import Any
 from msgspec.structs import replace
 
 from companion.config import Config, SupervisorLimits
-from companion.control.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
-from companion.control.positioning import Model, jacobian
-from companion.estimation import observer, observers
+from companion.core import observer, observers
+from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
+from companion.core.observers import MAX_GAP_S, NOTHING, Inputs, Motion, ObserversMemory
+from companion.core.positioning import Model, jacobian
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
 from companion.estimation.heading_watch import HeadingWatch
-from companion.estimation.observers import NOTHING, Inputs, Motion, ObserversMemory
 from companion.estimation.parameters import noise_of
 from companion.estimation.resets import (
-    MAX_GAP_S,
     POSITION_WARNED_M,
     DepthResets,
     position_resets,

@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from companion.control.bounds import wrap
-from companion.control.positioning import jacobian, to_body, to_inertial
+from companion.core.bounds import wrap
+from companion.core.positioning import jacobian, to_body, to_inertial
 from companion.records import Current, DofSample, Setpoint, Vector, VehicleState
 
 RESET_M = 1.0

@@ -27,7 +27,7 @@ import cmath
 import math
 from typing import NamedTuple
 
-from companion.control.positioning import Model
+from companion.core.positioning import Model
 from companion.records import HeadingCheck, Vector, VehicleModel
 
 GYRO_MEMORY_S = 120.0

@@ -3,19 +3,12 @@
 from msgspec.structs import replace
 
 from companion.config import Config
-from companion.control.allocation import Thrusters
-from companion.control.positioning import Model
-from companion.estimation import thruster_watch
-from companion.estimation.observer import (
-    INTERVALS,
-    Noise,
-    ObserverParameters,
-    ObserverTable,
-    observer_parameters,
-    observer_table,
-    table_in_steps,
-)
-from companion.estimation.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
+from companion.core import thruster_watch
+from companion.core.allocation import Thrusters
+from companion.core.observer import INTERVALS, ObserverParameters, ObserverTable
+from companion.core.positioning import Model
+from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
+from companion.estimation.observer_design import Noise, observer_parameters, observer_table, table_in_steps
 from companion.records import Z
 from companion.steps import Steps
 

@@ -8,7 +8,8 @@ frame in which it is measured did. Inside, nothing moves (`estimation.frame`).
 import math
 from collections import deque
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
+from companion.core.observers import MAX_GAP_S
 
 YAW_RESET_RAD = math.radians(1.0)
 """In two logs of real vehicles no yaw differed by more than 0.2° from what its rates gave (docs/ardusub.md,
@@ -32,9 +33,6 @@ DEPTH_RESET_M = 0.04
 MEMORY_S = 1.0
 """Resets that are each too small are added up over this time. So a yaw that is corrected in many small steps
 by more than about 1 °/s counts as reset as well; a slower correction is followed."""
-
-MAX_GAP_S = 0.5
-"""Over a longer gap rates tell nothing: the first sample after it starts again."""
 
 BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
 """What an interruption that is ridden out may bring beside the fastest rate before and after it."""

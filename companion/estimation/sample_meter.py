@@ -20,8 +20,8 @@ The configured noise is the least that is used: a vehicle that has no more keeps
 import math
 from collections import deque
 
-from companion.control.bounds import clamped, limited, wrap
-from companion.estimation.resets import MAX_GAP_S
+from companion.core.bounds import clamped, limited, wrap
+from companion.core.observers import MAX_GAP_S
 
 MEMORY_S, FIRST_S = 5.0, 2.0
 """Over how long noise is averaged; for how long the configured noise counts at first."""

@@ -13,7 +13,7 @@ both, and the spread of v_c that is left in the mean.
 import math
 from typing import NamedTuple
 
-from companion.control.positioning import Jacobian, Model, coriolis_and_damping, to_body, to_inertial
+from companion.core.positioning import Jacobian, Model, coriolis_and_damping, to_body, to_inertial
 from companion.records import Current, Vector
 
 MEAN_S = 5.0

@@ -16,7 +16,7 @@ a nod comes from the time before it, and is no answer.
 
 import math
 
-from companion.control.bounds import clamped, limited
+from companion.core.bounds import clamped, limited
 from companion.estimation.ground import ANSWERS, MOVES_ALONG
 from companion.records import Ground
 

@@ -3,8 +3,8 @@
 import math
 
 from companion.config import Config
-from companion.control.attitude import LIMITS, most_rad
-from companion.control.bounds import limited
+from companion.core.attitude import LIMITS, most_rad
+from companion.core.bounds import limited
 from companion.guidance.pilot import beyond
 from companion.records import LEVEL, Angles, AxisCommand
 

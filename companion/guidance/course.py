@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from typing import Self
 
-from companion.control.bounds import wrap
-from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
-from companion.control.reference import State as ReferenceState
+from companion.core.bounds import wrap
+from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
+from companion.core.reference import State as ReferenceState
 from companion.estimation.frame import Offset
 from companion.guidance.datum import Datum
 from companion.guidance.orders import place

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from companion.config import Config
-from companion.control.bounds import clamped, limited
-from companion.control.reference import ACCELERATION_LAG_S, RATE_LAG_S
+from companion.core.bounds import clamped, limited
+from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.guidance.paths.shapes import Path
 from companion.records import Setpoint, Vector, Z, vector
 

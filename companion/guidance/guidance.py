@@ -18,9 +18,9 @@ from collections.abc import Callable, Sequence
 from msgspec import UnsetType
 
 from companion.config import Config
-from companion.control.bounds import clamped, limited, wrap
-from companion.control.positioning import jacobian, to_inertial
-from companion.control.reference import Reference
+from companion.core.bounds import clamped, limited, wrap
+from companion.core.positioning import jacobian, to_inertial
+from companion.core.reference import Reference
 from companion.estimation.frame import Frame
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.angles import HeldAngles

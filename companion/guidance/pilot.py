@@ -13,8 +13,8 @@ from typing import NamedTuple
 import msgspec
 
 from companion.config import Config
-from companion.control.bounds import limited, wrap
-from companion.control.positioning import jacobian, to_body, to_inertial
+from companion.core.bounds import limited, wrap
+from companion.core.positioning import jacobian, to_body, to_inertial
 from companion.guidance.fence import Fence
 from companion.records import (
     PSI,

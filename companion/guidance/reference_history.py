@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from companion.control.bounds import clamped, wrap
+from companion.core.bounds import clamped, wrap
 from companion.records import Vector
 
 

@@ -11,8 +11,8 @@ import math
 
 from msgspec.structs import replace
 
-from companion.control.bounds import wrap
-from companion.control.positioning import jacobian, to_inertial
+from companion.core.bounds import wrap
+from companion.core.positioning import jacobian, to_inertial
 from companion.estimation.frame import Offset
 from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen, vector
 

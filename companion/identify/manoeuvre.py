@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Generator, Iterator
 from typing import Final, NamedTuple, Protocol
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.identify.samples import Sample, Streams
 from companion.records import (
     AXES,

@@ -34,7 +34,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from companion.config import VehicleFile
-from companion.control.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
+from companion.core.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
 from companion.identify.least_squares import Residuals, least_squares
 from companion.identify.samples import STEP_S, Table
 from companion.records import AXES, Array

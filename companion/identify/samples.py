@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from companion.control.allocation import FACTORS, T200_VOLTAGE_V
+from companion.core.allocation import FACTORS, T200_VOLTAGE_V
 from companion.records import Array
 
 STEP_S: Final = 0.1

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from companion.config import Config
-from companion.control.allocation import HORIZONTAL
+from companion.core.allocation import HORIZONTAL
 from companion.mavlink.ardusub import FRAMES
 from companion.predive.survey import Observed
 from companion.records import Condition

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from companion.control.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
+from companion.core.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
 from companion.records import Array, AxisCommand
 
 PULSE_S: Final = 0.3

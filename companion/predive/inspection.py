@@ -11,9 +11,9 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config, GroundStation
-from companion.control.actuation import NONE
-from companion.control.allocation import motors
-from companion.estimation import observers
+from companion.core import observers
+from companion.core.actuation import NONE
+from companion.core.allocation import motors
 from companion.mavlink.ardusub import motor_demand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing

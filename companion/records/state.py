@@ -37,7 +37,7 @@ class Delays(msgspec.Struct, frozen=True):
     """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
 
     `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM;
-    `hidden_s` is what no stamp shows (companion.estimation.hidden_delay).
+    `hidden_s` is what no stamp shows (companion.core.hidden_delay).
     """
 
     telemetry_s: float
@@ -53,7 +53,7 @@ class Delays(msgspec.Struct, frozen=True):
 
 
 class VehicleModel(NamedTuple):
-    """What the vehicle answers, by axis: surge, sway, heave, yaw (companion.estimation.vehicle_model).
+    """What the vehicle answers, by axis: surge, sway, heave, yaw (companion.core.vehicle_model).
 
     `gain` and `lag_s` are in use: force per command over inertia, relative to the nominal vehicle, and
     thruster lag. `found_*` is what was found, `log_gain_doubt` and `lag_doubt_s` its standard deviations.

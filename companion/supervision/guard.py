@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from companion.control.bounds import clamped, limited
+from companion.core.bounds import clamped, limited
 from companion.records import NEUTRAL, Axes, AxisCommand, Verdict
 from companion.supervision.supervisor import CARRY_AUTHORITY
 

@@ -9,10 +9,10 @@ What differs from the full loop stands here and nowhere else:
 import math
 from typing import NamedTuple
 
-from companion.control.controller import Target
-from companion.control.reference import Reference
+from companion.core.controller import Target
+from companion.core.observers import Inputs, Measured
+from companion.core.reference import Reference
 from companion.core.tick import Known, Outside, Permission, Sent, Wanted
-from companion.estimation.observers import Inputs, Measured
 from companion.records import LEVEL, PSI, Axes, Flags, Vector, X, Z
 from companion.supervision.guard import bounded
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing

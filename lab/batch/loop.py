@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.control.bounds import clamped, wrap
-from companion.control.controller import Target
+from companion.core.bounds import clamped, wrap
+from companion.core.controller import Target
 from companion.core.tick import Parameters, start, tick
 from companion.records import ZERO, Array, Axes, X, Y, Z
 from companion.supervision.guard import bounded

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from lab.loop.firmware import vehicle_of

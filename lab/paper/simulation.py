@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from companion.control import integrator, network
-from companion.control.compensator import Inputs, Signals
-from companion.control.law import rov_law
+from companion.core import integrator, network
+from companion.core.compensator import Inputs, Signals
+from companion.core.law import rov_law
 from companion.records import Array
 from lab.batch.compiled import cached, slotted
 

@@ -18,8 +18,8 @@ k + h is told as d̂, with the paper's sign: so the force is that of the law wit
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.law import Motion, Terms, law_with
+from companion.core.bounds import limited
+from companion.core.law import Motion, Terms, law_with
 from lab.rivals.thrust import there
 
 

@@ -19,8 +19,8 @@
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.law import Motion, Terms, law_with
+from companion.core.bounds import limited
+from companion.core.law import Motion, Terms, law_with
 from lab.rivals.thrust import there
 
 PREDICTOR_PER_S = 1.0

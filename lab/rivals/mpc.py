@@ -20,8 +20,8 @@ J. Control Optim. 1982, 20, 221) from the plan of the tick before.
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.law import Motion, Terms
+from companion.core.bounds import limited
+from companion.core.law import Motion, Terms
 from lab.rivals.thrust import there
 
 STEPS, STEP_S, ROUNDS = 20, 0.06, 3

@@ -14,9 +14,9 @@ It knows the mass but not the drag, which its integral has to find.
 
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.law import Motion, Terms
-from companion.control.schedule import KAPPA_POWER, LAMBDA_POWER
+from companion.core.bounds import limited
+from companion.core.law import Motion, Terms
+from companion.core.schedule import KAPPA_POWER, LAMBDA_POWER
 
 
 class Parameters(NamedTuple):

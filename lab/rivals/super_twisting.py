@@ -16,9 +16,9 @@ it is the plain law.
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.law import Motion, Terms
-from companion.control.schedule import KAPPA_POWER
+from companion.core.bounds import limited
+from companion.core.law import Motion, Terms
+from companion.core.schedule import KAPPA_POWER
 
 ROUNDING_M_S = 0.01
 

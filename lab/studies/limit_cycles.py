@@ -10,7 +10,7 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config
-from companion.control.allocation import T200_VOLTAGE_V, delivered
+from companion.core.allocation import T200_VOLTAGE_V, delivered
 from companion.records import Array, AxisCommand
 from lab.loop.lockstep import Step
 

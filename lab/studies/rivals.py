@@ -18,7 +18,7 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config, load_config
-from companion.control.law import Motion
+from companion.core.law import Motion
 from companion.records import Z
 from holdfast import RefusedError
 from holdfast.arguments import removed_option

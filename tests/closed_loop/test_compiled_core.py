@@ -7,7 +7,8 @@ import pytest
 from virtual import Dive, Somebody, hold
 
 from companion import engine
-from companion.control.reference import Reference
+from companion.core.observers import Inputs
+from companion.core.reference import Reference
 from companion.core.tick import (
     Known,
     Memory,
@@ -20,7 +21,6 @@ from companion.core.tick import (
     start,
     tick,
 )
-from companion.estimation.observers import Inputs
 from companion.records import PSI, Array, Axes, X, Z
 from lab.batch.compiled import cached, slotted
 from lab.batch.settings import numbers_of

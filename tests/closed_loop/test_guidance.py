@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, Somebody, active, hold, shared
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State, X

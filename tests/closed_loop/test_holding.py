@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.config import Config, load_config
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.engine import Engine
 from companion.records import PSI, Request, Setpoint, State, X, Y, Z
 from lab.loop.dive import dive

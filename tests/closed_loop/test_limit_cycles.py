@@ -9,7 +9,7 @@ import pytest
 from virtual import Dive, Somebody, hold
 
 from companion.config import load_config
-from companion.control import levelling
+from companion.core import levelling
 from companion.records import State, Z
 from lab.loop.lockstep import LinkDelay
 

@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, active, shared
 
-from companion.control import controller
+from companion.core import controller
 from companion.records import PSI, Condition, State, Z
 from lab.loop.lockstep import START_S
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, active, hold
 
-from companion.control.allocation import allocate, delivered, thrusters
+from companion.core.allocation import allocate, delivered, thrusters
 from companion.records import Request, State
 
 MAX_TAU = (70.0, 70.0, 100.0, 12.0, 5.0, 5.0)

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control import integrator, network, regressor
-from companion.control.bounds import limited, wrap
-from companion.control.compensator import BESIDE_OBSERVER, Signals
-from companion.control.law import combined_error, control_law, rov_law
-from companion.control.positioning import Model, inertia, jacobian, to_body, to_inertial
+from companion.core import integrator, network, regressor
+from companion.core.bounds import limited, wrap
+from companion.core.compensator import BESIDE_OBSERVER, Signals
+from companion.core.law import combined_error, control_law, rov_law
+from companion.core.positioning import Model, inertia, jacobian, to_body, to_inertial
 
 some = st.floats(-100.0, 100.0)
 four = st.tuples(some, some, some, some)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.estimation.frame import Frame
 
 TICK_S = 0.02

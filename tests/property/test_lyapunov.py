@@ -14,15 +14,15 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from companion.control import network
-from companion.control.compensator import BESIDE_OBSERVER, Signals, inputs
-from companion.control.integrator import Parameters as IntegratorParameters
-from companion.control.integrator import State as IntegratorState
-from companion.control.integrator import step as step_integrator
-from companion.control.law import rov_law
-from companion.control.network import Parameters as NetworkParameters
-from companion.control.network import State as NetworkState
-from companion.control.network import step as step_network
+from companion.core import network
+from companion.core.compensator import BESIDE_OBSERVER, Signals, inputs
+from companion.core.integrator import Parameters as IntegratorParameters
+from companion.core.integrator import State as IntegratorState
+from companion.core.integrator import step as step_integrator
+from companion.core.law import rov_law
+from companion.core.network import Parameters as NetworkParameters
+from companion.core.network import State as NetworkState
+from companion.core.network import step as step_network
 from lab.batch.compiled import compiled
 
 Columns = np.ndarray[tuple[int, int], np.dtype[np.float64]]

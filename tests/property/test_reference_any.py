@@ -4,9 +4,9 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from companion.control import reference
-from companion.control.bounds import wrap
-from companion.control.reference import Parameters
+from companion.core import reference
+from companion.core.bounds import wrap
+from companion.core.reference import Parameters
 
 TICK_S = 0.02
 RATE, ACCELERATION = 0.45, 0.4

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from companion.control.allocation import allocate, delivered, thrusters
+from companion.core.allocation import allocate, delivered, thrusters
 
 frames = st.sampled_from(["vectored", "vectored_6dof"])
 part = st.floats(-1.0, 1.0)

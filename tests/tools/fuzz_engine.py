@@ -38,7 +38,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion import registry
 from companion.config import AxisModel, Config, ConfigError, load_config
-from companion.control.bounds import clamped
+from companion.core.bounds import clamped
 from companion.engine import Engine
 from companion.guidance.drawing import drawing
 from companion.io.command_queue import COST, CommandQueue, ReceivedCommand

@@ -30,8 +30,8 @@ GROUPS = {
         [f"companion/supervision/{name}.py" for name in ("supervisor", "conditions", "monitor", "handover")],
         ["unit/test_supervisor.py", "unit/test_watching.py", "unit/test_guard.py"],
     ),
-    "control": (
-        [str(path.relative_to(ROOT)) for path in sorted((ROOT / "companion/control").glob("[a-z]*.py"))],
+    "core": (
+        [str(path.relative_to(ROOT)) for path in sorted((ROOT / "companion/core").glob("[a-z]*.py"))],
         [
             *(f"unit/test_{name}.py" for name in (*LAWS, "taking_over")),
             "property/test_control_any.py",

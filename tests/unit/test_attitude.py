@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config import Config, load_config
-from companion.control import attitude, reference
+from companion.core import attitude, reference
 from companion.guidance.angles import HeldAngles
 from companion.records import LEVEL, Angles, AxisCommand
 

@@ -143,7 +143,7 @@ def test_every_row_can_take_off() -> None:
 def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands() -> None:
     config = load_config(
         overrides=[
-            "compensators.mine.module=companion.control.integrator",
+            "compensators.mine.module=companion.core.integrator",
             "laws.other={module='lab.rivals.ppi', k_p=3.0, k_v=7.0, k_i=0.0}",
         ]
     )

@@ -11,8 +11,8 @@ import pytest
 
 from companion import assembly
 from companion.config import load_config
-from companion.control import bounds as subject_of_modules
-from companion.control import integrator, regressor
+from companion.core import bounds as subject_of_modules
+from companion.core import integrator, regressor
 from companion.core.tick import tick
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest, slotted
@@ -96,8 +96,8 @@ def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
 
 
 def test_a_changed_or_new_source_changes_the_digest(tmp_path):
-    (tmp_path / "companion" / "control").mkdir(parents=True)
-    source = tmp_path / "companion" / "control" / "law.py"
+    (tmp_path / "companion" / "core").mkdir(parents=True)
+    source = tmp_path / "companion" / "core" / "law.py"
     source.write_text("k = 1\n")
     seen = {digest(tmp_path)}
     source.write_text("k = 2\n")

@@ -7,7 +7,7 @@ from builders import RESTING
 from msgspec import structs
 
 from companion.config import load_config
-from companion.control.actuation import NONE
+from companion.core.actuation import NONE
 from companion.records import ZERO, Setpoint
 
 

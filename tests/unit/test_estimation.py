@@ -10,11 +10,11 @@ import pytest
 from alone import Estimate
 
 from companion.config import load_config
-from companion.control.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
-from companion.estimation import command_history
-from companion.estimation.command_history import mean_thrusts
-from companion.estimation.observer import INTERVALS, ObserverState, advance, expected, rates
-from companion.estimation.observers import MAX_EXTRAPOLATION_S, interpolate
+from companion.core import command_history
+from companion.core.command_history import mean_thrusts
+from companion.core.observer import INTERVALS, ObserverState, advance, expected, rates
+from companion.core.observers import MAX_EXTRAPOLATION_S, interpolate
+from companion.core.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
 from companion.records import (
     PSI,
     ZERO,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.config import PRESETS, load_config, load_vehicle, vehicle_of
-from companion.control.allocation import T200_N, T200_PWM_US
+from companion.core.allocation import T200_N, T200_PWM_US
 from companion.identify.fit import fit
 from companion.identify.manoeuvre import EXCITATIONS, pushing, sweeping
 from companion.identify.model import DELAY, LAG, LINEAR, MASS, QUADRATIC, START, Track, parameters

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.positioning import Model
+from companion.core.positioning import Model
 from companion.estimation.heading_watch import HeadingWatch
 from companion.records.state import NOMINAL
 

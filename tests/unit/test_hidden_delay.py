@@ -8,9 +8,9 @@ import pytest
 
 from companion import assembly
 from companion.config import load_config
-from companion.estimation import observers
-from companion.estimation.hidden_delay import LARGEST_S, start, step
-from companion.estimation.observer import Noise, observer_parameters
+from companion.core import observers
+from companion.core.hidden_delay import LARGEST_S, start, step
+from companion.estimation.observer_design import Noise, observer_parameters
 from lab.batch.simulate import simulate
 from lab.batch.stand_in import Links
 from lab.loop.scenarios import four

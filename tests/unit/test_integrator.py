@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from learner import Learner, drawn, hidden, still
 
-from companion.control import integrator, network
+from companion.core import integrator, network
 
 DT_S = 0.01
 

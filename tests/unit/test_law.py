@@ -6,8 +6,8 @@
 import numpy as np
 import pytest
 
-from companion.control import law
-from companion.control.law import Motion, combined_error, control_law, error_coefficients, rov_law
+from companion.core import law
+from companion.core.law import Motion, combined_error, control_law, error_coefficients, rov_law
 
 LAM, KAPPA = 1.7, 4.0
 

@@ -7,8 +7,8 @@ import pytest
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, load_config
-from companion.control.allocation import allocate, delivered, motors, thrusters
-from companion.control.levelling import (
+from companion.core.allocation import allocate, delivered, motors, thrusters
+from companion.core.levelling import (
     FILTER_S,
     INTEGRAL,
     LEAST_SHARE,

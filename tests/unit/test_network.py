@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from learner import Learner, drawn, still
 
-from companion.control import network
-from companion.control.compensator import INPUTS, Signals, inputs
-from companion.control.law import rov_law
+from companion.core import network
+from companion.core.compensator import INPUTS, Signals, inputs
+from companion.core.law import rov_law
 
 DT = 0.02
 UNITS = 10

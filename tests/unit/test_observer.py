@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
-from companion.estimation.observer import (
-    Noise,
+from companion.core.observer import (
     ObserverState,
     advance,
     at_rest,
     coefficients,
     correct,
     expected,
-    observer_parameters,
     predict,
     rates,
 )
+from companion.estimation.observer_design import Noise, observer_parameters
 
 M = np.array([17.5, 18.0, 28.5, 0.5])
 C = np.array([18.0, 19.0, 30.0, 0.2])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from companion.control import oscillation
-from companion.control.oscillation import (
+from companion.core import oscillation
+from companion.core.oscillation import (
     LEAST,
     RELAPSE_SHARE,
     SHARES,

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from companion.config import load_config
-from companion.control.reference import ACCELERATION_LAG_S
+from companion.core.reference import ACCELERATION_LAG_S
 from companion.guidance.paths.curve import Curve, Node, straight
 from companion.guidance.paths.shapes import build as built
 from companion.guidance.paths.time_law import TimeLaw, limits, profiled

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.bounds import clamped, limited, square_root, wrap
-from companion.control.positioning import (
+from companion.core.bounds import clamped, limited, square_root, wrap
+from companion.core.positioning import (
     Model,
     by_dof,
     coriolis_and_damping,

@@ -5,9 +5,9 @@ import pytest
 from alone import Law
 from builders import RESTING
 
-from companion.control import controller
-from companion.control.reference import Parameters, start
-from companion.control.reference import step as advance
+from companion.core import controller
+from companion.core.reference import Parameters, start
+from companion.core.reference import step as advance
 from companion.records import Setpoint, vector
 
 TICK_S = 0.02

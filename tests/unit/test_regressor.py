@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from learner import DT_S, Learner, still
 
-from companion.control import regressor
+from companion.core import regressor
 
 
 def one(**changes):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.estimation.resets import (
     POSITION_RESET_M,
     DepthResets,

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from companion.config import load_config
-from companion.control.law import Motion
+from companion.core.law import Motion
 from companion.engine import Engine
 from companion.records import Setpoint, Z
 from lab.loop.lockstep import LinkDelay, Lockstep

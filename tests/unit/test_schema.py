@@ -43,7 +43,7 @@ def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
 
 
 def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) -> None:
-    source, field = tmp_path / "companion/control/law.py", tmp_path / "companion/telemetry/schemas.py"
+    source, field = tmp_path / "companion/core/law.py", tmp_path / "companion/telemetry/schemas.py"
     for file in (source, field):
         file.parent.mkdir(parents=True)
         file.write_text("KAPPA = 3.5\n", encoding="utf-8")

@@ -7,10 +7,10 @@ from learner import Learner, drawn
 from msgspec.structs import replace
 from test_controller import at_rest, state, tick
 
-from companion.control import integrator, network, regressor
-from companion.control.axis import BLEND_S
-from companion.control.compensator import BESIDE_OBSERVER
-from companion.control.schedule import Gains, scheduled
+from companion.core import integrator, network, regressor
+from companion.core.axis import BLEND_S
+from companion.core.compensator import BESIDE_OBSERVER
+from companion.core.schedule import Gains, scheduled
 from companion.records import Setpoint
 
 LEARNERS = ("network", "integrator", "regressor")

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from companion.config import Config
-from companion.control import oscillation, schedule
-from companion.estimation import hidden_delay, vehicle_model
+from companion.core import hidden_delay, oscillation, schedule, vehicle_model
 
 PAGE = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text(encoding="utf-8").split())
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.allocation import (
+from companion.core.allocation import (
     FACTORS,
     PUSH,
     allocate,

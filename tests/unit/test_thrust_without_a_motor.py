@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.allocation import allocate, can_lose, delivered, overloaded, thrusters, without
+from companion.core.allocation import allocate, can_lose, delivered, overloaded, thrusters, without
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.physics.thrusters import each_motor, static_thrust, thrusters_of, wrench

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from companion.control.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
-from companion.estimation import thruster_watch
-from companion.estimation.thruster_watch import EXCUSED_S, START, Levers, Parameters, rest
+from companion.core import thruster_watch
+from companion.core.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
+from companion.core.thruster_watch import EXCUSED_S, START, Levers, Parameters, rest
 
 DT_S = 0.02
 HEAVY = thrusters("vectored_6dof", (1e6,) * 6, True)

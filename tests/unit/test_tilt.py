@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from companion.assembly import tilt_limit
 from companion.config import load_config
-from companion.control import pace
-from companion.control.tilt import (
+from companion.core import pace
+from companion.core.tilt import (
     CUT,
     FAST_N_PER_S,
     LEAST_PACE,

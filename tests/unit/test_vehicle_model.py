@@ -8,10 +8,9 @@ from alone import Learner
 
 from companion import assembly
 from companion.config import load_config
-from companion.control.positioning import jacobian
-from companion.estimation.observer import observer_parameters, scheduled_parameters
-from companion.estimation.parameters import TYPICAL_RATE, model_tables, noise
-from companion.estimation.vehicle_model import (
+from companion.core.observer import scheduled_parameters
+from companion.core.positioning import jacobian
+from companion.core.vehicle_model import (
     LEAST_LAG_S,
     MOST_LAG_S,
     MOST_LOG_GAIN,
@@ -24,6 +23,8 @@ from companion.estimation.vehicle_model import (
     learn,
     nothing_found,
 )
+from companion.estimation.observer_design import observer_parameters
+from companion.estimation.parameters import TYPICAL_RATE, model_tables, noise
 from companion.records import PSI, X, Y, Z
 
 CONFIG = load_config()

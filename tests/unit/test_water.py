@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from companion.control.positioning import Model, jacobian, to_inertial
+from companion.core.positioning import Model, jacobian, to_inertial
 from companion.estimation.water import KEPT_S, TAKES_S, Water
 
 MODEL = Model((20.0, 20.0, 32.0, 0.6), (13.7, 0.0, 33.0, 0.1), (141.0, 217.0, 190.0, 1.5))

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.records import ZERO, Vector, vector
 from companion.steps import Steps
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from msgspec import UNSET, UnsetType
 
-from companion.control.bounds import wrap
+from companion.core.bounds import wrap
 from companion.guidance.paths.curve import (
     Curve,
     Node,

@@ -17,8 +17,8 @@ from operator import add
 from typing import NamedTuple
 
 from companion.config import Axis, Config
-from companion.control import reference
-from companion.control.bounds import wrap
+from companion.core import reference
+from companion.core.bounds import wrap
 from companion.guidance.paths.curve import Curve, between
 from companion.records import Setpoint, Vector, vector
 from companion.steps import Steps

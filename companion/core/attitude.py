@@ -22,8 +22,8 @@ along its own axes (Fossen 2011, 2.2), and levelling takes what is left as if th
 import math
 from typing import NamedTuple
 
-from companion.control import reference
-from companion.control.tilt import Force
+from companion.core import reference
+from companion.core.tilt import Force
 from companion.records import Angles
 
 MAX_ANGLE_RAD = math.radians(55.0)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
-from companion.control.compensator import ChosenCompensator, Signals
+from companion.core.compensator import ChosenCompensator, Signals
 
 
 class Pair(NamedTuple):

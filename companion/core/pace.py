@@ -8,8 +8,8 @@ The pace of a degree of freedom is the share of its `max_rate` that is left, LEA
 
 import math
 
-from companion.control.bounds import clamped
-from companion.control.tilt import LEAST_PACE
+from companion.core.bounds import clamped
+from companion.core.tilt import LEAST_PACE
 
 SLOW_DOWN_S, RECOVER_S = 0.5, 4.0
 

@@ -36,7 +36,7 @@ found dead is tested further, against hypothesis 0, and counts as sound again wh
 import math
 from typing import NamedTuple
 
-from companion.control.allocation import (
+from companion.core.allocation import (
     PUSH,
     Four,
     Group,
@@ -47,7 +47,7 @@ from companion.control.allocation import (
     motors,
     thrust_at,
 )
-from companion.control.bounds import clamped
+from companion.core.bounds import clamped
 from companion.records import Axes
 
 SLOW_S = 1.0

@@ -11,7 +11,7 @@ pitch are levelled this is hardly ever felt.
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import clamped
+from companion.core.bounds import clamped
 
 Force = tuple[float, float, float]
 """Along three axes, N."""

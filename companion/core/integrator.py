@@ -15,8 +15,8 @@ of n logistic units is an integrator of gain η‖σ‖² ≈ η n/4.
 
 from typing import NamedTuple
 
-from companion.control.bounds import limited
-from companion.control.compensator import Signals, dead_zone_error
+from companion.core.bounds import limited
+from companion.core.compensator import Signals, dead_zone_error
 
 
 class Parameters(NamedTuple):

@@ -21,8 +21,8 @@ rather than too much of it: noise that went around the loop pulls it down (docs/
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import clamped, limited
-from companion.estimation.observer import (
+from companion.core.bounds import clamped, limited
+from companion.core.observer import (
     ObserverParameters,
     ObserverState,
     at_rest,

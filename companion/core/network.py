@@ -29,8 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.control.bounds import limited, square_root
-from companion.control.compensator import BESIDE_OBSERVER, INPUTS, Inputs, Signals, dead_zone_error, inputs
+from companion.core.bounds import limited, square_root
+from companion.core.compensator import BESIDE_OBSERVER, INPUTS, Inputs, Signals, dead_zone_error, inputs
 
 AT_REST: Inputs = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SATURATED = 40.0

@@ -11,7 +11,7 @@ which it began, so that they do not hunt. They come back whole where its cause w
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import clamped, limited
+from companion.core.bounds import clamped, limited
 
 SHARES = (0.1, 0.1, 0.12, 0.04)
 """Of the largest force of surge, sway, heave and yaw: an RMS of fast demand above it is a limit cycle, if it

@@ -28,7 +28,7 @@ half of their demand. Where that does not suffice, the moments are given whole a
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited
+from companion.core.bounds import limited
 from companion.records import Axes
 
 Three = tuple[float, float, float]

@@ -15,8 +15,8 @@ Beside the observer, which knows what is constant, φ begins with 0 in place of 
 
 from typing import NamedTuple
 
-from companion.control.bounds import limited, square_root
-from companion.control.compensator import Inputs, Signals, dead_zone_error, inputs
+from companion.core.bounds import limited, square_root
+from companion.core.compensator import Inputs, Signals, dead_zone_error, inputs
 
 
 class Parameters(NamedTuple):

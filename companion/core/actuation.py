@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
-from companion.control import attitude, levelling, pace, tilt
-from companion.control.allocation import (
+from companion.core import attitude, levelling, pace, tilt
+from companion.core.allocation import (
     HALVINGS,
     ByAxis,
     Thrusters,
@@ -13,11 +13,11 @@ from companion.control.allocation import (
     overloaded,
     without,
 )
-from companion.control.attitude import Deviation, Held
-from companion.control.bounds import limited
-from companion.control.levelling import Levelling, LevellingState
-from companion.control.positioning import by_dof
-from companion.control.tilt import TiltLimit, TiltState
+from companion.core.attitude import Deviation, Held
+from companion.core.bounds import limited
+from companion.core.levelling import Levelling, LevellingState
+from companion.core.positioning import by_dof
+from companion.core.tilt import TiltLimit, TiltState
 from companion.records import PSI, ZERO, Angles, Axes, Flags, Vector, X, Y, Z
 
 FULL: Vector = (1.0, 1.0, 1.0, 1.0)

@@ -31,8 +31,8 @@ waves then meet in a current as in still water.
 import math
 from typing import NamedTuple
 
-from companion.control import oscillation
-from companion.control.bounds import clamped, limited
+from companion.core import oscillation
+from companion.core.bounds import clamped, limited
 
 FILTER_S = 0.05
 INTEGRAL = 0.2

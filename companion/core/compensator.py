@@ -25,7 +25,7 @@ vehicle's state and needs no file.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from companion.control.bounds import limited
+from companion.core.bounds import limited
 
 Inputs = tuple[float, float, float, float, float, float]
 INPUTS = 6

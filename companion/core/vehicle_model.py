@@ -26,8 +26,8 @@ so waves weigh less. What is found may stay off by more than its doubt says: S c
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import clamped, limited, square_root
-from companion.estimation.observer import (
+from companion.core.bounds import clamped, limited, square_root
+from companion.core.observer import (
     ByInterval,
     ObserverParameters,
     ObserverState,

@@ -2,16 +2,16 @@
 
 from typing import NamedTuple
 
-from companion.control import axis
-from companion.control.axis import Aim, Axis, AxisMemory, AxisSample, Point
-from companion.control.positioning import (
+from companion.core import axis
+from companion.core.axis import Aim, Axis, AxisMemory, AxisSample, Point
+from companion.core.positioning import (
     Jacobian,
     Model,
     coriolis_and_damping,
     inertia,
     to_body,
 )
-from companion.control.schedule import NO_GAINS
+from companion.core.schedule import NO_GAINS
 from companion.records import PSI, Flags, Vector, X, Y, Z
 
 Axes4 = tuple[Axis, Axis, Axis, Axis]

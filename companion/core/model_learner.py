@@ -9,10 +9,10 @@ strong vehicle for a late one.
 import math
 from typing import NamedTuple
 
-from companion.control.positioning import Jacobian
-from companion.estimation import vehicle_model
-from companion.estimation.observer import ObserverParameters
-from companion.estimation.vehicle_model import Evidence, Found, ModelState, Scheduled, Tables, Used
+from companion.core import vehicle_model
+from companion.core.observer import ObserverParameters
+from companion.core.positioning import Jacobian
+from companion.core.vehicle_model import Evidence, Found, ModelState, Scheduled, Tables, Used
 from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z
 
 REPORT_TICKS = 10

@@ -21,7 +21,7 @@ with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots 
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import limited, square_root, wrap
+from companion.core.bounds import limited, square_root, wrap
 from companion.records import Vector
 
 ACCELERATION_LAG_S = 0.06

@@ -7,9 +7,14 @@ from there through the commands that are still under way.
 import math
 from typing import NamedTuple
 
-from companion.control.bounds import clamped, wrap
-from companion.control.oscillation import mean_disturbance, scaled_disturbance
-from companion.control.positioning import (
+from companion.core import command_history, hidden_delay, model_learner, observer, vehicle_model
+from companion.core.bounds import clamped, wrap
+from companion.core.command_history import SentCommand
+from companion.core.hidden_delay import HiddenDelayState
+from companion.core.model_learner import LearnerMemory, Seen
+from companion.core.observer import ByInterval, ObserverParameters, ObserverState
+from companion.core.oscillation import mean_disturbance, scaled_disturbance
+from companion.core.positioning import (
     Model,
     coriolis_and_damping,
     drag_coefficient,
@@ -17,17 +22,14 @@ from companion.control.positioning import (
     jacobian,
     to_body,
 )
-from companion.estimation import command_history, hidden_delay, model_learner, observer, vehicle_model
-from companion.estimation.command_history import SentCommand
-from companion.estimation.hidden_delay import HiddenDelayState
-from companion.estimation.model_learner import LearnerMemory, Seen
-from companion.estimation.observer import ByInterval, ObserverParameters, ObserverState
-from companion.estimation.resets import MAX_GAP_S
-from companion.estimation.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
+from companion.core.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
 from companion.records import PSI, ZERO, Flags, Vector, X, Y, Z
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
+
+MAX_GAP_S = 0.5
+"""Over a longer gap rates tell nothing: the first sample after it starts again."""
 
 ZERO_MOVED_M = 0.05
 """A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""

@@ -12,12 +12,12 @@
 import math
 from typing import Any, NamedTuple
 
-from companion.control import oscillation, reference, several
-from companion.control.bounds import limited, wrap
-from companion.control.compensator import ChosenCompensator, Signals
-from companion.control.law import ChosenLaw, Motion
-from companion.control.oscillation import mean_disturbance, scaled_disturbance
-from companion.control.schedule import Gains, ScheduledGains, scheduled
+from companion.core import oscillation, reference, several
+from companion.core.bounds import limited, wrap
+from companion.core.compensator import ChosenCompensator, Signals
+from companion.core.law import ChosenLaw, Motion
+from companion.core.oscillation import mean_disturbance, scaled_disturbance
+from companion.core.schedule import Gains, ScheduledGains, scheduled
 
 BLEND_S = 2.0
 """How slowly the difference that a change of law made is let go."""
