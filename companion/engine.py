@@ -11,7 +11,6 @@ from companion.core import attitude, observers
 from companion.core.actuation import FULL, NONE
 from companion.core.allocation import HORIZONTAL, can_lose, reserve
 from companion.core.axis import AxisSample
-from companion.core.controller import Target
 from companion.core.observers import Inputs
 from companion.core.reference import Reference
 from companion.core.tick import (
@@ -424,11 +423,7 @@ class Engine:
         pitches = (
             verdict.state is State.ACTIVE and verdict.authority >= 1.0 and known.dead_motor <= HORIZONTAL
         )
-        return Wanted(
-            Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot),
-            guidance.engaged,
-            guidance.angles if pitches else LEVEL,
-        )
+        return Wanted(target, guidance.engaged, guidance.angles if pitches else LEVEL)
 
     def _send(self, inputs: Inputs, wanted: Axes) -> Sent:
         """Guard what is wanted, make the frames of this tick, and return what the vehicle makes of them."""

@@ -7,7 +7,7 @@ from companion import assembly
 from companion.config import load_config
 from companion.core import controller, model_learner, observers
 from companion.core.actuation import NONE
-from companion.core.controller import Ahead, Target
+from companion.core.controller import Ahead
 from companion.core.model_learner import Seen, seen_by
 from companion.core.positioning import jacobian
 from companion.core.vehicle_model import NO_EVIDENCE
@@ -43,7 +43,7 @@ class Law:
             s.model.dof_later_s,
             s.model.longest_lag_s,
         )
-        self.target = Target(target.eta_d, target.eta_d_dot, target.eta_d_ddot)
+        self.target = target
         full = verdict.authority >= 1.0
         self.memory, samples = controller.step(
             self.parameters,

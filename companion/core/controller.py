@@ -12,7 +12,7 @@ from companion.core.positioning import (
     to_body,
 )
 from companion.core.schedule import NO_GAINS
-from companion.records import PSI, Flags, Vector, X, Y, Z
+from companion.records import PSI, Flags, Setpoint, Vector, X, Y, Z
 
 Axes4 = tuple[Axis, Axis, Axis, Axis]
 Memories = tuple[AxisMemory, AxisMemory, AxisMemory, AxisMemory]
@@ -66,14 +66,6 @@ class Everywhere(NamedTuple):
     watched: bool
 
 
-class Target(NamedTuple):
-    """Where to go now: pose, rate and acceleration, NED."""
-
-    eta: Vector
-    eta_dot: Vector
-    eta_ddot: Vector
-
-
 def at_rest(control: Control, eta: Vector, eta_dot: Vector, disturbance: Vector) -> ControlMemory:
     """Stay where the vehicle is, with nothing learnt: engaging from here is no step."""
     x, y, z, psi = control.axes
@@ -93,7 +85,7 @@ def step(
     memory: ControlMemory,
     ahead: Ahead,
     J: Jacobian,
-    target: Target,
+    target: Setpoint,
     pace: Vector,
     engaged: Flags,
     free: Flags,
@@ -141,7 +133,7 @@ def _aim(
     memory: AxisMemory,
     i: int,
     ahead: Ahead,
-    target: Target,
+    target: Setpoint,
     pace: Vector,
     idle: Flags,
     dt_s: float,
@@ -151,7 +143,7 @@ def _aim(
     return axis.aim(
         axis_,
         memory,
-        (target.eta[i], target.eta_dot[i], target.eta_ddot[i]),
+        (target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i]),
         pace[i],
         ahead.ahead_s,
         ahead.eta[i],
@@ -226,7 +218,7 @@ def without(memory: ControlMemory, tau_ned: Vector) -> ControlMemory:
 
 
 def taken_over(
-    old: Control, control: Control, memory: ControlMemory, ahead: Ahead, J: Jacobian, target: Target
+    old: Control, control: Control, memory: ControlMemory, ahead: Ahead, J: Jacobian, target: Setpoint
 ) -> ControlMemory:
     """Go on with other laws or gains, without a step in thrust.
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 from companion.core import actuation, controller, levelling, observers, thruster_watch
 from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilting
 from companion.core.allocation import ByAxis
-from companion.core.controller import Ahead, Control, ControlMemory, Samples, Target
+from companion.core.controller import Ahead, Control, ControlMemory, Samples
 from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
-from companion.records import PSI, Angles, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
+from companion.records import PSI, Angles, Axes, Flags, Setpoint, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
@@ -66,7 +66,7 @@ class Permission(NamedTuple):
 class Wanted(NamedTuple):
     """Where to go, which degrees of freedom the law holds, and at which angles roll and pitch."""
 
-    target: Target
+    target: Setpoint
     engaged: Flags
     angles: Angles
 
@@ -102,7 +102,7 @@ class Outputs(NamedTuple):
 
     known: Known
     samples: Samples
-    target: Target
+    target: Setpoint
     engaged: Flags
     saturated: Flags
     """By degree of freedom, whether the last command gave less than the law asked."""

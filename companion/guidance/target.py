@@ -9,8 +9,6 @@
 
 import math
 
-from msgspec.structs import replace
-
 from companion.core.bounds import wrap
 from companion.core.positioning import jacobian, to_inertial
 from companion.estimation.frame import Offset
@@ -32,11 +30,11 @@ class Target:
 
     def ask_places(self, where: Flags, eta: Vector) -> None:
         """Replace the setpoint's places there; NaN asks for nothing."""
-        self.asked = replace(self.asked, eta_d=chosen(where, eta, self.asked.eta_d))
+        self.asked = self.asked._replace(eta_d=chosen(where, eta, self.asked.eta_d))
 
     def put(self, where: Flags, eta: Vector) -> None:
         """Replace the target's places there; its rates stay."""
-        self.now = replace(self.now, eta_d=chosen(where, eta, self.now.eta_d))
+        self.now = self.now._replace(eta_d=chosen(where, eta, self.now.eta_d))
 
     def hold(self, eta: Vector) -> None:
         """Stay at a place; ask for nothing."""
@@ -99,5 +97,5 @@ def placed(eta: Vector, rest: Vector, offset: Offset) -> Vector:
 def _filled(setpoint: Setpoint, eta: Vector, offset: Offset) -> Setpoint:
     """Return the setpoint inside, with NaN places replaced by `eta`."""
     return offset.setpoint_inside(
-        replace(setpoint, eta_d=chosen(known(setpoint.eta_d), setpoint.eta_d, offset.outside(eta)))
+        setpoint._replace(eta_d=chosen(known(setpoint.eta_d), setpoint.eta_d, offset.outside(eta)))
     )

@@ -1,6 +1,7 @@
 """What an operator wants."""
 
 from enum import IntEnum, auto
+from typing import NamedTuple
 
 import msgspec
 
@@ -21,7 +22,7 @@ class Request(IntEnum):
     """Drop a request to engage; an engaged vehicle stays engaged."""
 
 
-class Setpoint(msgspec.Struct, frozen=True):
+class Setpoint(NamedTuple):
     """Where to be, in DOF order; a NaN target means: where it is when engaged.
 
     `eta_d_dot` and `eta_d_ddot` make a moving target a path; they are zero for a fixed one.

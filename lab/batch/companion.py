@@ -9,11 +9,10 @@ What differs from the full loop stands here and nowhere else:
 import math
 from typing import NamedTuple
 
-from companion.core.controller import Target
 from companion.core.observers import Inputs, Measured
 from companion.core.reference import Reference
 from companion.core.tick import Known, Outside, Permission, Sent, Wanted
-from companion.records import LEVEL, PSI, Axes, Flags, Vector, X, Z
+from companion.records import LEVEL, PSI, Axes, Flags, Setpoint, Vector, X, Z
 from companion.supervision.guard import bounded
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
@@ -25,7 +24,7 @@ NOTHING: Vector = (0.0, 0.0, 0.0, 0.0)
 class Script(NamedTuple):
     """What a dive does in one tick."""
 
-    target: Target
+    target: Setpoint
     """NaN positions stand for where it began."""
     engaged: Flags
     begins: bool

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.core.bounds import clamped, wrap
-from companion.core.controller import Target
 from companion.core.tick import Parameters, start, tick
-from companion.records import ZERO, Array, Axes, X, Y, Z
+from companion.records import ZERO, Array, Axes, Setpoint, X, Y, Z
 from companion.supervision.guard import bounded
 from lab.batch.companion import NO_AXES, Script, inputs, outside
 from lab.batch.settings import Companion
@@ -204,7 +203,7 @@ def scripted(
 ) -> Script:
     """Return what a tick does, from its row of targets; NaN: `north`, `east` and what was read at `first`."""
     return Script(
-        Target(
+        Setpoint(
             (
                 north if math.isnan(wanted[0]) else wanted[0],
                 east if math.isnan(wanted[1]) else wanted[1],
