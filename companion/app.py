@@ -24,7 +24,7 @@ from companion.endpoint import Endpoint
 from companion.engine import Engine
 from companion.guidance.drawing import drawing
 from companion.io.beside import Beside
-from companion.io.command_queue import COST, CommandQueue, EngineInput, ReceivedCommand
+from companion.io.command_queue import COST, CommandQueue, EngineInput
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
@@ -35,11 +35,10 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
 from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
-from companion.telemetry.commands import Follow, SetPath
+from companion.telemetry.commands import SetPath
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised, on_engaging, whole
-from companion.telemetry.plan import PathPlan
-from companion.telemetry.schemas import Choices, Event, Plan, Raw, Reply, Start
+from companion.telemetry.schemas import Choices, Event, Plan, Raw, Start
 from companion.telemetry.status_line import status_line
 from holdfast import own_version, version
 
@@ -70,7 +69,6 @@ class App:
         *,
         arm: bool,
         requests: Sequence[Request],
-        path: PathPlan | None = None,
         manoeuvre: "Manoeuvre | None" = None,
     ) -> None:
         self._config = config
@@ -93,9 +91,6 @@ class App:
         self._beside = Beside()
         telemetry = config.telemetry
         self._commands = CommandQueue(config)
-        if path is not None:
-            payload = msgspec.json.encode(Follow(path=path))
-            self._commands.put(ReceivedCommand("follow", payload, _log_reply), trusted=True)
         self._event_log = EventLog()
         self._publisher = Publisher(
             config.vehicle.name,
@@ -407,21 +402,10 @@ def identify(config: Config, manoeuvre: "Manoeuvre", *, arm: bool) -> int:
     return asyncio.run(run())
 
 
-def _log_reply(reply: Reply) -> None:
-    log.log(logging.INFO if reply.done else logging.ERROR, "path: %s", reply.said)
-
-
-def main(
-    config: Config,
-    setpoint: Setpoint,
-    *,
-    arm: bool,
-    requests: Sequence[Request],
-    path: PathPlan | None = None,
-) -> int:
-    """Run the companion, which follows `path` once it is engaged; return its exit status."""
+def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> int:
+    """Run the companion; return its exit status."""
 
     async def run() -> int:
-        return await App(config, setpoint, arm=arm, requests=requests, path=path).run()
+        return await App(config, setpoint, arm=arm, requests=requests).run()
 
     return asyncio.run(run())

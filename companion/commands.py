@@ -5,17 +5,18 @@ import json
 import logging
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from holdfast import files
+from holdfast import RefusedError, files
 from holdfast.arguments import command_parser, position
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from companion.config import VehicleFile
-    from companion.first_config import Question
+    from companion.config import Config, VehicleFile
     from companion.identify.samples import Table
 
     Conclude = Callable[[Table, VehicleFile, Path, Sequence[int]], int]
@@ -23,17 +24,12 @@ if TYPE_CHECKING:
 EXAMPLES = """\
 examples:
   holdfast run                                  connect and publish, without steering
-  holdfast run --engage                         request MANUAL and, when the pilot has armed, hold the
-                                                present depth and heading
+  holdfast run --engage                         ask for MANUAL and, when the pilot has armed, hold here
   holdfast run --engage --arm --depth 5         the same, but arm the vehicle too and hold 5 m
-  holdfast run --engage --depth-only            use STABILIZE: the firmware keeps roll, pitch and heading;
-                                                recommended for a first dive
-  holdfast run --vehicle bluerov2               another vehicle of config/vehicles/ than the configuration's
-  holdfast run --vehicle my-rov.toml            or your own: config/vehicles/custom.toml explains such a file
-  holdfast run --name kelp                      its name for `holdfast watch --name kelp`
-  holdfast run --engage --arm --path eight.toml
-                                                follow a path once it holds: docs/guidance.md
-  holdfast run --set link.endpoint=tcp:127.0.0.1:5760 --set heave.compensator=none
+  holdfast run --engage --depth-only            the firmware keeps roll, pitch and heading: for a first dive
+  holdfast run --vehicle bluerov2 --name kelp   another vehicle of config/vehicles/, and its name for `watch`
+  holdfast run --vehicle my-rov.toml            your own: config/vehicles/custom.toml explains such a file
+  holdfast run --engage --arm --set link.endpoint=tcp:127.0.0.1:5760
 
 Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the state.
 """
@@ -56,7 +52,6 @@ wrong configuration. If the vehicle is disarmed, the check switches to MANUAL, S
 no steering without --thrusters.
 """
 
-
 IDENTIFY_MOVES = """\
 The vehicle will move by itself for one to two minutes: 0.5 m on each held axis, 50° in heading.
 It needs 1.2 m of depth and 2 m of free water around it. A stick at full deflection, the release
@@ -71,18 +66,14 @@ examples:
   holdfast identify --from dive.BIN             from logs of any dives instead: nothing moves; `--from --help`
   holdfast identify --test dive.BIN --vehicle vehicle.toml   how well a vehicle's file predicts a log
 
-The supervisor and the guard of `holdfast run` are in charge. docs/identify.md says what is measured, and how
-well.
+Supervisor and guard of `holdfast run` are in charge. docs/identify.md says what is measured, and how well.
 """
-
 
 INIT_EXAMPLES = """\
 examples:
   holdfast init                                               ask, and write companion.toml
   holdfast init --out /etc/holdfast/companion.toml --where blueos --vehicle bluerov2
   holdfast init --yes --name kelp --holds all                 for scripts: ask nothing
-
-`holdfast config check FILE` checks a file after you edited it.
 """
 
 CONFIG_EXAMPLES = """\
@@ -90,7 +81,6 @@ examples:
   holdfast config show companion.toml                         every key: value, range, and where it comes from
   holdfast config check companion.toml                        as `holdfast run --config companion.toml`
   holdfast config check vehicle.toml                          as `holdfast run --vehicle vehicle.toml`
-  holdfast config check companion.toml --set heave.kappa_per_s=8
 
 exit status: 0 sound; 2 not, and it says file, key, value and what is allowed. Without FILE the shipped file.
 """
@@ -116,44 +106,24 @@ def run(argv: list[str]) -> int:
         action="store_true",
         help="also accept commands over Zenoh from other machines, see `holdfast tell`",
     )
-    parser.add_argument("--depth", type=float, metavar="M", help="depth to hold; default: the present one")
-    parser.add_argument(
-        "--heading", type=float, metavar="DEG", help="heading to hold; default: the present one"
-    )
-    parser.add_argument(
-        "--path",
-        type=Path,
-        metavar="FILE",
-        help="follow this path once engaged: TOML or QGroundControl's plan; docs/guidance.md",
-    )
-    parser.add_argument(
-        "--origin",
-        type=position,
-        metavar="LAT,LON",
-        help="where x and y are 0, for a FILE in degrees; without it, the path begins where the vehicle is",
-    )
+    for option, unit in (("--depth", "M"), ("--heading", "DEG")):
+        parser.add_argument(option, type=float, metavar=unit, help="to hold; default: the present one")
     arguments = parser.parse_args(argv)
 
     from companion.app import main
-    from companion.config import DEFAULT_FILE, ConfigError, load_config
-    from companion.guidance.paths.shapes import build
-    from companion.guidance.paths.time_law import limits
+    from companion.config import ConfigError
     from companion.io.logs import log_to
     from companion.records import Request, Setpoint
-    from companion.telemetry import path_files, ranges
+    from companion.telemetry import ranges
     from holdfast import validation
 
-    depth_m = math.nan if arguments.depth is None else arguments.depth
-    heading_rad = math.nan if arguments.heading is None else math.radians(arguments.heading)
-    requests = [Request.ENGAGE] if arguments.engage else []
-    overrides = [
-        *_overrides(arguments),
-        *(["telemetry.allow_control=always"] if arguments.allow_control else []),
-        *(['vehicle.steering_mode="stabilize"'] if arguments.depth_only else []),
-    ]
+    if arguments.allow_control:
+        arguments.set.append("telemetry.allow_control=always")
+    if arguments.depth_only:
+        arguments.set.append("vehicle.steering_mode=stabilize")
     log_to(sys.stderr)
-    try:
-        config = load_config(arguments.config or DEFAULT_FILE, overrides)
+    with _refusing():
+        config = _configuration(arguments)
         deepest = config.supervisor.max_depth_m, "supervisor.max_depth_m"
         for name, value, kind, limit in (
             ("--depth", arguments.depth, ranges.Depth, deepest),
@@ -166,18 +136,21 @@ def run(argv: list[str]) -> int:
                 "--heading: in STABILIZE the firmware keeps the heading; "
                 'leave it out, or steer in MANUAL: vehicle.steering_mode = "manual"'
             )
-        path = None if arguments.path is None else path_files.read(arguments.path, arguments.origin)
-        if path is not None:
-            build(path, limits(config))
-        setpoint = Setpoint((math.nan, math.nan, depth_m, heading_rad))
         if arguments.arm and not arguments.engage:
-            logging.getLogger("holdfast").info(
-                "--arm without --engage: it arms when it is told to engage, for example by `holdfast engage`"
-            )
-        return main(config, setpoint, arm=arguments.arm, requests=requests, path=path)
+            logging.getLogger("holdfast").info("--arm: it arms when it is told to engage (`holdfast engage`)")
+        requests = [Request.ENGAGE] if arguments.engage else []
+        depth_m, heading_deg = (math.nan if v is None else v for v in (arguments.depth, arguments.heading))
+        setpoint = Setpoint((math.nan, math.nan, depth_m, math.radians(heading_deg)))
+        return main(config, setpoint, arm=arguments.arm, requests=requests)
+
+
+@contextmanager
+def _refusing() -> Iterator[None]:
+    """Make what is wrong with a file or a value the one line of a command that cannot begin."""
+    try:
+        yield
     except ValueError as error:
-        sys.stderr.write(f"holdfast run: {error}\n")
-        return 2
+        raise RefusedError(str(error)) from error
 
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
@@ -196,10 +169,13 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _overrides(arguments: argparse.Namespace) -> list[str]:
-    """Return the overrides of `_add_config`'s options."""
+def _configuration(arguments: argparse.Namespace) -> "Config":
+    """Return the configuration that `_add_config`'s options ask for."""
+    from companion.config import DEFAULT_FILE, load_config
+
     chosen = {"vehicle.preset": arguments.vehicle, "vehicle.name": arguments.name}
-    return [*(f"{key}={json.dumps(name)}" for key, name in chosen.items() if name), *arguments.set]
+    named = [f"{key}={json.dumps(name)}" for key, name in chosen.items() if name]
+    return load_config(arguments.config or DEFAULT_FILE, [*named, *arguments.set])
 
 
 def check(argv: list[str]) -> int:
@@ -232,33 +208,27 @@ def check(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
-    from companion.config import DEFAULT_FILE, load_config
     from companion.io.zenoh_question import asked
     from companion.predive.app import inspect
     from companion.predive.inspection import CONTACT_S
     from companion.predive.table import as_json, from_json, show, worst
     from companion.telemetry.schemas import check_key
 
-    try:
-        config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
+    with _refusing():
+        config = _configuration(arguments)
         refuse_fast_gains(config)
-        name = config.vehicle.name
-        answer = (
-            asked(config.telemetry.endpoint, check_key(name)) if config.telemetry.mode != "file" else None
-        )
+        name, telemetry = config.vehicle.name, config.telemetry
+        answer = None if telemetry.mode == "file" else asked(telemetry.endpoint, check_key(name))
         if answer is not None:
             sys.stderr.write(f"`holdfast run` holds the vehicle '{name}' and answers: what it sees now\n")
             if arguments.thrusters or arguments.set_origin is not None:
-                raise ValueError("--thrusters and --set-origin need the port: end `holdfast run` first")
+                raise RefusedError("--thrusters and --set-origin need the port: end `holdfast run` first")
             rows, notes = from_json(answer), list[str]()
         else:
             sys.stderr.write(f"waiting for a vehicle at {config.link.endpoint}, {CONTACT_S:g} s at most\n")
             if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
                 return 130
             rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
-    except ValueError as error:
-        sys.stderr.write(f"holdfast check: {error}\n")
-        return 2
     if arguments.json == "-":
         sys.stdout.write(as_json(rows, notes) + "\n")
     else:
@@ -288,7 +258,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
     arguments = parser.parse_args(argv)
 
     from companion import app
-    from companion.config import DEFAULT_FILE, load_config, vehicle_of
+    from companion.config import vehicle_of
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
 
@@ -303,29 +273,25 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
             sys.stdout.write(f"{manoeuvre.share_done:4.0%} {doing}\n")
             sys.stdout.flush()
 
-    try:
-        config = load_config(arguments.config or DEFAULT_FILE, _overrides(arguments))
+    with _refusing():
+        config = _configuration(arguments)
         files.refuse_existing(arguments.out)
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
         manoeuvre = Manoeuvre(show)
         status = app.identify(config, manoeuvre, arm=arguments.arm)
         if manoeuvre.failure or not (manoeuvre.done and manoeuvre.moved):
-            sys.stderr.write(
-                f"holdfast identify: broken off: {manoeuvre.failure or 'stopped'}; nothing was written\n"
-            )
+            why = manoeuvre.failure or "stopped"
+            sys.stderr.write(f"holdfast identify: broken off: {why}; nothing was written\n")
             return status or 1
         table = manoeuvre.samples.table("the manoeuvre", config.vehicle.frame)
         return conclude(table, vehicle_of(config), arguments.out, manoeuvre.moved)
-    except ValueError as error:
-        sys.stderr.write(f"holdfast identify: {error}\n")
-        return 2
 
 
 def _agreed(what: str) -> bool:
     """Ask whether it may move; without a terminal it may not."""
     if not sys.stdin.isatty():
-        raise ValueError("it moves the vehicle: say --yes where nobody can be asked")
+        raise RefusedError("it moves the vehicle: say --yes where nobody can be asked")
     sys.stdout.write(f"{what}Go on? [y/N] ")
     sys.stdout.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
@@ -333,9 +299,9 @@ def _agreed(what: str) -> bool:
 
 def init(argv: list[str]) -> int:
     """Ask about the vehicle, and write a commented configuration."""
-    from companion.config import load_config
-    from companion.first_config import answered, config_text, prompt, questions
-    from holdfast import RefusedError
+    from companion.config import DEFAULT_FILE, load_config
+    from companion.config_text import with_values
+    from companion.first_config import questions
 
     parser = command_parser(
         "init",
@@ -351,32 +317,29 @@ def init(argv: list[str]) -> int:
         parser.add_argument(f"--{question.name}", metavar=words, help=question.text)
     parser.add_argument("--yes", action="store_true", help="ask nothing: the first choice of each question")
     arguments = parser.parse_args(argv)
-    files.refuse_existing(arguments.out)
+    out = arguments.out
+    files.refuse_existing(out)
     if not arguments.yes and not sys.stdin.isatty():
         raise RefusedError("nobody can be asked here: say --yes, and answer by options what differs")
-
-    def ask(question: "Question") -> str:
-        sys.stdout.write(prompt(question))
-        sys.stdout.flush()
-        answer = sys.stdin.readline()
-        if not answer:
-            raise KeyboardInterrupt
-        return answer
-
+    values: dict[str, float | str] = {}
     try:
-        text = config_text(answered(vars(arguments), None if arguments.yes else ask))
-    except ValueError as error:
-        raise RefusedError(str(error)) from error
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(text, encoding="utf-8")
+        for question in questions():
+            given = getattr(arguments, question.name)
+            if given is None and not arguments.yes:
+                given = input(question.prompt)
+            with _refusing():
+                values[question.key] = question.value((given or "").strip())
+    except EOFError:
+        return 130
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(with_values(DEFAULT_FILE.read_text(encoding="utf-8"), values), encoding="utf-8")
     try:
-        load_config(arguments.out)
+        load_config(out)
     except RefusedError:
-        arguments.out.unlink()
+        out.unlink()
         raise
     sys.stdout.write(
-        f"written: {arguments.out}\n"
-        f"next:    holdfast check --config {arguments.out}    then: holdfast run --config {arguments.out}\n"
+        f"written: {out}\nnext:    holdfast check --config {out}    then: holdfast run --config {out}\n"
     )
     return 0
 

@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
-from functools import partial
 
 import msgspec
 
@@ -16,27 +15,23 @@ def with_values(text: str, values: Mapping[str, float | str]) -> str:
 
     A key that the text does not have is added to its section.
     """
+    lines = text.splitlines()
     for key, value in values.items():
         section, name = key.split(".")
         shown = json.dumps(value) if isinstance(value, str) else repr(value)
-        line = re.compile(rf"(^\[{section}\][^\n]*\n(?:(?!\[).*\n)*?{name} = )([^#\n]*)(.*$)", re.MULTILINE)
-        text, count = line.subn(partial(_replaced, shown), text)
-        if not count:
-            if f"\n[{section}]" not in f"\n{text}":
-                text = f"{text.rstrip()}\n\n[{section}]\n"
-            head = re.compile(rf"(^\[{section}\][^\n]*\n)", re.MULTILINE)
-            text = head.sub(partial(_followed, f"{name} = {shown}\n"), text, count=1)
-    return text
-
-
-def _replaced(shown: str, line: re.Match[str]) -> str:
-    """Return a line with another value; what follows stays in its column where there is room."""
-    value = shown.ljust(len(line[2]) - 1) + " " if line[3] else shown
-    return line[1] + value + line[3]
-
-
-def _followed(line: str, head: re.Match[str]) -> str:
-    return head[0] + line
+        if not any(line.startswith(f"[{section}]") for line in lines):
+            lines += ["", f"[{section}]"]
+        at = next(i for i, line in enumerate(lines) if line.startswith(f"[{section}]")) + 1
+        end = next((i for i, line in enumerate(lines) if i >= at and line.startswith("[")), len(lines))
+        old = next((i for i in range(at, end) if lines[i].startswith(f"{name} = ")), None)
+        if old is None:
+            lines.insert(at, f"{name} = {shown}")
+            continue
+        found = re.fullmatch(r"([^#\n]*?)(\s*)(#.*)?", lines[old])
+        assert found is not None
+        line = f"{name} = {shown}"
+        lines[old] = f"{line.ljust(len(found[1] + found[2]) - 1)} {found[3]}" if found[3] else line
+    return "\n".join(lines) + "\n"
 
 
 def listing(config: Config, origins: Mapping[str, str]) -> Iterator[str]:

@@ -174,16 +174,15 @@ class CommandQueue:
     _kept: str = ""
     """What engaging does beside holding."""
 
-    def put(self, received: ReceivedCommand, *, trusted: bool = False) -> None:
+    def put(self, received: ReceivedCommand) -> None:
         """Take a command, from any thread, which parses it; answer at once where too many wait.
 
-        There is always room for a release. One that is `trusted` needs no permission: whoever started this
-        process gave it.
+        There is always room for a release.
         """
         if len(self._inbox) >= (2 * MAX_WAITING if received.name == "release" else MAX_WAITING):
             received.answer(Reply(done=False, said=f"busy: {MAX_WAITING} commands wait already; ask again"))
         else:
-            self._inbox.append(self._parsed(received, trusted=trusted))
+            self._inbox.append(self._parsed(received))
 
     def prepare(self, engine: Controllable, cost: int = COST) -> bool:
         """Take some steps of what has to be done before the next command; return whether there are more.
@@ -245,10 +244,9 @@ class CommandQueue:
         if not any(sample.dofs.engaged):
             self._kept = sample.guided.pending
 
-    def _parsed(self, received: ReceivedCommand, *, trusted: bool) -> _Waiting:
+    def _parsed(self, received: ReceivedCommand) -> _Waiting:
         try:
-            if not trusted:
-                self._permit(received)
+            self._permit(received)
             max_depth_m = self.started_with.supervisor.max_depth_m
             return _Waiting(received, parse(received.name, received.payload, max_depth_m=max_depth_m))
         except Exception as error:

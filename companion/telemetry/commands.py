@@ -11,9 +11,9 @@ import msgspec
 from msgspec import UNSET
 
 from companion.telemetry import ranges
+from companion.telemetry.fields import means
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
-from companion.telemetry.words import means
 from holdfast import validation
 
 MAX_DEPTH = "supervisor.max_depth_m"
@@ -149,23 +149,13 @@ class SetGains(Payload, frozen=True):
     order = "set gains"
 
     axis: AxisName
-    lambda_per_s: Annotated[ranges.Lambda, means("decay of the error", "λ")] | Optional = UNSET
-    kappa_per_s: Annotated[ranges.Kappa, means("decay of the combined error", "κ")] | Optional = UNSET
-    learning_rate: Annotated[ranges.LearningRate, means("of the compensator", "learning rate")] | Optional = (
-        UNSET
-    )
-    hidden_learning_rate: (
-        Annotated[ranges.HiddenLearningRate, means("of the network's hidden layer", "hidden rate")] | Optional
-    ) = UNSET
-    leak_per_s: Annotated[ranges.Leak, means("decay of the learnt weights", "leak")] | Optional = UNSET
-    dead_zone: (
-        Annotated[ranges.DeadZone, means("combined error within which nothing is learnt", "dead zone")]
-        | Optional
-    ) = UNSET
-    max_disturbance: (
-        Annotated[ranges.Force, means("bound of the estimated disturbance", "limit of d̂", "N or N·m")]
-        | Optional
-    ) = UNSET
+    lambda_per_s: ranges.Lambda | Optional = UNSET
+    kappa_per_s: ranges.Kappa | Optional = UNSET
+    learning_rate: ranges.LearningRate | Optional = UNSET
+    hidden_learning_rate: ranges.HiddenLearningRate | Optional = UNSET
+    leak_per_s: ranges.Leak | Optional = UNSET
+    dead_zone: ranges.DeadZone | Optional = UNSET
+    max_disturbance: ranges.MaxDisturbance | Optional = UNSET
     confirm: Confirmed = False
 
 
@@ -175,19 +165,11 @@ class SetEstimator(Payload, frozen=True):
     order = "set noises"
 
     axis: AxisName
-    position_noise: Annotated[ranges.Noise, means("of one sample, m or rad", "position noise")] | Optional = (
-        UNSET
-    )
-    rate_noise: Annotated[ranges.Noise, means("of one sample, per s", "rate noise")] | Optional = UNSET
-    position_noise_slow: (
-        Annotated[ranges.SlowNoise, means("slowly varying, m or rad", "slow position noise")] | Optional
-    ) = UNSET
-    rate_noise_slow: (
-        Annotated[ranges.SlowNoise, means("slowly varying, per s", "slow rate noise")] | Optional
-    ) = UNSET
-    disturbance_noise: (
-        Annotated[ranges.DisturbanceNoise, means("N or N·m, per √s", "disturbance noise")] | Optional
-    ) = UNSET
+    position_noise: ranges.PositionNoise | Optional = UNSET
+    rate_noise: ranges.RateNoise | Optional = UNSET
+    position_noise_slow: ranges.SlowPositionNoise | Optional = UNSET
+    rate_noise_slow: ranges.SlowRateNoise | Optional = UNSET
+    disturbance_noise: ranges.DisturbanceNoise | Optional = UNSET
     confirm: Confirmed = False
 
 

@@ -1,4 +1,4 @@
-"""The fields of a schema in words: type and range, unit, meaning."""
+"""The fields of a schema: how each is described, and what people read of it."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -20,6 +20,37 @@ UNITS = {
     "nm": "N·m",
     "bytes": "B",
 }
+
+
+def means(text: str, title: str | None = None, unit: str | None = None) -> msgspec.Meta:
+    """Describe a field; `title` is what a form calls it, `unit` is for a name that does not end with one."""
+    return msgspec.Meta(title=title, description=text, extra_json_schema={"unit": unit} if unit else None)
+
+
+def within(
+    least: float,
+    most: float,
+    what: str | None = None,
+    unit: str | None = None,
+    *,
+    title: str | None = None,
+    beside_zero: float | None = None,
+    remedy: str | None = None,
+) -> msgspec.Meta:
+    """Describe a number and its range.
+
+    Where 0 means that there is none, `beside_zero` is the least that it may be otherwise: a number nearly 0
+    is a mistake in its unit, and what divides by it may be infinite. `remedy` helps where one is refused.
+    """
+    more = {"unit": unit, "least": beside_zero}
+    return msgspec.Meta(
+        ge=least,
+        le=most,
+        title=title,
+        description=what,
+        extra={"remedy": remedy} if remedy else None,
+        extra_json_schema={key: value for key, value in more.items() if value} or None,
+    )
 
 
 class Field(NamedTuple):

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import UNSET
 
 from companion.telemetry import ranges
-from companion.telemetry.words import means
+from companion.telemetry.fields import means
 from holdfast import validation
 
 MAX_SEGMENTS = 1000

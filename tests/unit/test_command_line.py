@@ -42,7 +42,6 @@ from sim_bridge.config import load_config
         ["tell", "bluerov2", "engage", "--connect", "nowhere"],
         ["goto", "bluerov2", "--depth", "2", "--connect", "nowhere"],
         ["follow", "bluerov2", "nowhere.toml"],
-        ["run", "--path", "nowhere.plan"],
         ["sim", "--zenoh", "nowhere", "--udp-listen", "127.0.0.1:0"],
     ],
 )

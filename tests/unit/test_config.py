@@ -28,10 +28,10 @@ from holdfast import validation
 
 @pytest.fixture
 def edited(tmp_path):
-    """A copy of the shipped file with one line replaced."""
+    """Return a function that copies a shipped file with one piece replaced."""
 
-    def edit(old, new):
-        text = DEFAULT_FILE.read_text(encoding="utf-8")
+    def edit(old="", new="", shipped=DEFAULT_FILE):
+        text = shipped.read_text(encoding="utf-8")
         assert old in text
         path = tmp_path / "mine.toml"
         path.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -65,45 +65,27 @@ def test_the_nominal_model_is_wrong_on_purpose():
     assert hull.net_buoyancy_n != 0.0
 
 
-def test_the_record_is_frozen():
-    config = load_config()
-    with pytest.raises(AttributeError):
-        config.heave.mass = 1.0  # type: ignore[misc]
-
-
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("heave.mass=0", ["heave.mass = 0:", "1 to 1000"]),
-        ("yaw.mass=1000", ["yaw.mass = 1000", "0.02 to 100"]),
-        ("surge.quadratic_damping=5000", ["surge.quadratic_damping = 5000", "0 to 1000"]),
-        ("levelling.roll_inertia=0.01", ["levelling.roll_inertia = 0.01", "0.02 to 100"]),
-        ("heave.kappa_per_s=nan", ["heave.kappa_per_s = nan", "0.05 to 50"]),
-        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0, or 1e-06 to 1"]),
-        ("delays.command_s=61", ["delays.command_s", "61", "0 to 1"]),
-        ("loop.rate_hz=5", ["loop.rate_hz", "5", "10"]),
-        ("loop.rate_hz=201", ["loop.rate_hz", "201", "200"]),
-        ("thrusters.max_axis=1.01", ["thrusters.max_axis", "1.01", "0.05 to 1"]),
-        ("supervisor.max_pilot_timeout_s=3.5", ["supervisor.max_pilot_timeout_s", "3.5", "0.1 to 3"]),
-        ("link.system=256", ["link.system", "256", "255"]),
         ("surge.mass=0.01", ["surge.mass = 0.01", "1 to 1000", "divide masses, inertias and damping"]),
+        ("yaw.leak_per_s=-0.1", ["yaw.leak_per_s", "-0.1", "0, or 1e-06 to 1"]),
         ("loop.rate_hz='fast'", ["loop.rate_hz", "fast", "float"]),
-        ("network.units=2.5", ["network.units", "2.5", "int"]),
         ("network.units=true", ["network.units", "True", "int"]),
         ("vehicle.frame=octo", ["vehicle.frame", "octo"]),
-        ("vehicle.thrust_path=telepathy", ["vehicle.thrust_path", "telepathy"]),
         ("vehicle.name='a/b'", ["vehicle.name", "a/b"]),
-        ("vehicle.name=''", ["vehicle.name"]),
         ("heave.compensator=magic", ["heave.compensator", "magic"]),
-        ("telemetry.allow_control=1", ["telemetry.allow_control", "1"]),
         ("telemetry.allow_control=yes", ["telemetry.allow_control", "yes", "local", "always", "never"]),
-        ("ground_station.engage_button=16", ["ground_station.engage_button", "16", "15"]),
+        ("fence.depth_m=[5.0, 1.0]", ["fence.depth_m = [5, 1]", "the first must be less"]),
         ("heave=5", ["heave", "5"]),
         ("heave.kapa_per_s=8", ["heave", "kapa_per_s", "unknown"]),
         ("pitch.mass=8", ["pitch", "unknown"]),
         ('link.allow=["192.168.2.1/24"]', ["link.allow", "192.168.2.1/24", "host bits"]),
         ('ground_station.allow=["topside"]', ["ground_station.allow", "topside", "192.168.2.0/24"]),
         ("link.allow=192.168.2.1", ["link.allow", "192.168.2.1", "array"]),
+        ("heave.mass.x=1", ["heave.mass.x"]),
+        ("heave.mass", ["section.key=value"]),
+        ("", ["section.key=value"]),
     ],
 )
 def test_a_bad_value_is_refused_by_name_value_and_range(override, said):
@@ -151,17 +133,11 @@ def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, sh
 
 def test_an_unknown_key_in_the_file_is_refused(edited):
     path = edited("[fence]", "[heave]\ndeadband = 0.1\n[fence]")
-    message = refusal(path)
-    assert str(path) in message
-    assert "heave" in message
-    assert "deadband" in message
+    assert refusal(path).startswith(f"{path}: heave.deadband: unknown key")
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    message = refusal(tmp_path / "nowhere.toml")
-    assert "nowhere.toml" in message
-    assert "cannot be read" in message
-    assert "No such file" in message
+    assert "nowhere.toml: cannot be read: No such file" in refusal(tmp_path / "nowhere.toml")
 
 
 @pytest.mark.parametrize("data", [b"[heave\nmass = 1", b"mass = ", b"\xff\xfe\x00", b"a = 1\na = 2\n"])
@@ -176,10 +152,8 @@ def test_bad_toml_names_the_file(tmp_path, data):
 @pytest.mark.parametrize(
     ("override", "section", "key", "value"),
     [
-        ("heave.kappa_per_s=8.5", "heave", "kappa_per_s", 8.5),
         ("heave.kappa_per_s=8", "heave", "kappa_per_s", 8.0),
         ("heave.compensator=none", "heave", "compensator", "none"),
-        ("heave.compensator='observer'", "heave", "compensator", "observer"),
         ("link.endpoint=tcp:127.0.0.1:5760", "link", "endpoint", "tcp:127.0.0.1:5760"),
         (" network.seed = 7", "network", "seed", 7),
         ('link.allow=["192.168.2.0/24", "::1"]', "link", "allow", ("192.168.2.0/24", "::1")),
@@ -194,36 +168,14 @@ def test_an_override_wins_over_the_file(override, section, key, value):
 
 def test_the_last_of_two_overrides_wins_and_others_stay():
     config = load_config(overrides=["heave.mass=30", "heave.mass=31.5"])
-    assert config.heave.mass == 31.5
+    assert config == load_config(overrides=["heave.mass=31.5"])
     assert config.surge == load_config().surge
-
-
-@pytest.mark.parametrize("override", ["heave.mass", "heave", ""])
-def test_an_override_without_a_value_says_how_to_write_it(override):
-    assert "section.key=value" in refusal(overrides=[override])
-
-
-def test_an_override_below_a_value_says_so():
-    assert "heave.mass.x" in refusal(overrides=["heave.mass.x=1"])
 
 
 HEAVY = PRESETS / "heavy.toml"
 
 
 class TestPresets:
-    @pytest.fixture
-    def mine(self, tmp_path):
-        """Return a function that writes a vehicle's file, heavy.toml with one piece replaced."""
-
-        def write(old="", new="", name="mine.toml"):
-            text = HEAVY.read_text(encoding="utf-8")
-            assert old in text
-            path = tmp_path / name
-            path.write_text(text.replace(old, new, 1), encoding="utf-8")
-            return path
-
-        return write
-
     def test_the_issue_names_them(self):
         assert presets() == ["ardusub", "bluerov2", "custom", "heavy", "heavy-skid", "tank-heavy"]
 
@@ -253,14 +205,6 @@ class TestPresets:
                 table[section][key] /= strength
         msgspec.convert(table, VehicleFile)
 
-    def test_a_heavy_that_was_measured_in_a_tank_is_in_the_ranges_with_a_third_of_its_thrust(self):
-        rows = {"surge": (48, 12, 88), "sway": (48, 17, 140), "heave": (86, 31, 146), "yaw": (1.2, 0.7, 2.2)}
-        keys = ("mass", "linear_damping", "quadratic_damping")
-        changed = [
-            f"{axis}.{key}={3 * v}" for axis, row in rows.items() for key, v in zip(keys, row, strict=True)
-        ]
-        load_config(overrides=[*changed, "levelling.roll_inertia=3.4", "levelling.pitch_inertia=2.8"])
-
     def test_the_loop_leads_the_lag_and_not_the_start_of_its_motors(self):
         """Where motors run there is no start: a loop that led it by 0.16 s oscillated at full thrust."""
         config = load_config(overrides=["thrusters.lag_s=0.05", "thrusters.start_s=0.16"])
@@ -276,8 +220,8 @@ class TestPresets:
         config = load_config(overrides=[f'vehicle.preset="{path}"'])
         assert config == load_config(overrides=["vehicle.frame=vectored", "heave.mass=31.5"])
 
-    def test_a_path_is_taken_from_where_it_stands(self, mine, edited, monkeypatch, tmp_path):
-        path = mine("mass = 28.5 ", "mass = 31.5 ")
+    def test_a_path_is_taken_from_where_it_stands(self, edited, monkeypatch, tmp_path):
+        path = edited("mass = 28.5 ", "mass = 31.5 ", HEAVY)
         monkeypatch.chdir(tmp_path)
         assert load_config(overrides=["vehicle.preset=mine.toml"]).heave.mass == 31.5
         assert load_config(overrides=[f'vehicle.preset="{path}"']).heave.mass == 31.5
@@ -309,8 +253,8 @@ class TestPresets:
             ("[surge]", "[surge", ["TOML"]),
         ],
     )
-    def test_a_bad_vehicle_is_refused_by_file_key_value_and_range(self, mine, old, new, said):
-        path = mine(old, new)
+    def test_a_bad_vehicle_is_refused_by_file_key_value_and_range(self, edited, old, new, said):
+        path = edited(old, new, HEAVY)
         message = refusal(overrides=[f'vehicle.preset="{path}"'])
         assert message.startswith(f"{path}: ")
         assert all(part in message for part in said), message
@@ -320,9 +264,6 @@ class TestPresets:
         message = refusal(overrides=[f"vehicle.preset={value}"])
         assert "vehicle.preset" in message
         assert "bluerov2" in message
-
-    def test_a_file_that_is_not_there_is_named(self):
-        assert "no/such.toml: cannot be read" in refusal(overrides=["vehicle.preset=no/such.toml"])
 
     @pytest.mark.parametrize("name", presets())
     def test_what_is_written_is_read_again(self, name, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 import holdfast
 from companion.config import DEFAULT_FILE, PRESETS, load_config
 from companion.config_text import with_values
-from companion.first_config import answered, config_text, prompt, questions
+from companion.first_config import questions
 
 
 @pytest.fixture(autouse=True)
@@ -22,19 +22,20 @@ def here(tmp_path, monkeypatch):
     ("question", "word"), [(one.name, choice.word) for one in questions() for choice in one.choices]
 )
 def test_every_answer_makes_a_configuration_that_runs_with_its_comments(here, question, word):
-    (here / "made.toml").write_text(config_text(answered({question: word}, None)))
-    made = load_config(here / "made.toml")
+    assert holdfast.main(["init", "--yes", f"--{question}", word]) == 0
+    made = load_config(here / "companion.toml")
     assert made.heave == load_config().heave or question == "vehicle"
-    assert (here / "made.toml").read_text().count("#") == DEFAULT_FILE.read_text().count("#")
+    assert (here / "companion.toml").read_text().count("#") == DEFAULT_FILE.read_text().count("#")
 
 
-def test_the_answers_stand_in_the_file_and_a_wrong_one_is_asked_again(monkeypatch, capsys):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
 
-    monkeypatch.setattr("sys.stdin", Terminal("submarine\nbluerov2\nkelp\n2\n\nnever\n"))
-    assert holdfast.main(["init"]) == 0
+
+def test_the_answers_stand_in_the_file_and_what_an_option_answers_is_not_asked(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", Terminal("bluerov2\n2\n\nnever\n"))
+    assert holdfast.main(["init", "--name", "kelp"]) == 0
     made = load_config(Path("companion.toml"))
     assert made.vehicle.frame == "vectored"
     assert made.vehicle.name == "kelp"
@@ -42,23 +43,13 @@ def test_the_answers_stand_in_the_file_and_a_wrong_one_is_asked_again(monkeypatc
     assert made.vehicle.steering_mode == "stabilize", "the default is for a first dive"
     assert made.telemetry.allow_control == "never"
     said = capsys.readouterr().out
-    assert said.count("Which vehicle is it?") == 2
+    assert "What is it called" not in said
+    assert all(choice.word in said for question in questions() for choice in question.choices)
     assert "holdfast check --config companion.toml" in said
 
 
-def test_what_an_option_answers_is_not_asked():
-    asked = []
-
-    def ask(question):
-        asked.append(question.name)
-        return ""
-
-    answered({"vehicle": "heavy", "where": "topside"}, ask)
-    assert asked == ["name", "holds", "control"]
-
-
 def test_ctrl_d_writes_nothing(here, monkeypatch):
-    monkeypatch.setattr("sys.stdin", type("End", (io.StringIO,), {"isatty": lambda self: True})(""))
+    monkeypatch.setattr("sys.stdin", Terminal(""))
     assert holdfast.main(["init"]) == 130
     assert not list(here.iterdir())
 
@@ -84,12 +75,6 @@ def test_a_file_that_is_there_stays(here, capsys):
     assert holdfast.main(["init", "--yes"]) == 2
     assert "is there already" in capsys.readouterr().err
     assert (here / "companion.toml").read_text() == "mine"
-
-
-def test_each_prompt_names_its_choices_and_the_default():
-    for question in questions():
-        assert all(choice.word in prompt(question) for choice in question.choices)
-        assert prompt(question).endswith("] ")
 
 
 @pytest.mark.parametrize("file", [DEFAULT_FILE, *sorted(PRESETS.glob("*.toml"))], ids=lambda file: file.stem)
@@ -140,16 +125,6 @@ def test_what_is_wrong_in_a_file_has_its_line(here, capsys, text, line):
     (here / "mine.toml").write_text(text)
     assert holdfast.main(["config", "check", "mine.toml"]) == 2
     assert f"line {line}" in capsys.readouterr().err
-
-
-def test_no_comment_of_the_file_says_what_an_answer_has_changed(here):
-    assert holdfast.main(["init", "--yes", "--holds", "depth", "--control", "always"]) == 0
-    text = (here / "companion.toml").read_text()
-    assert "the value here" not in text
-    for line in text.splitlines():
-        _, _, comment = line.partition("#")
-        assert "Holdfast controls yaw" not in comment or '"manual": Holdfast controls yaw' in comment
-        assert "of this machine" not in comment or '"local": of this machine' in comment
 
 
 def test_every_key_is_shown_with_its_range_and_where_it_comes_from(here, capsys):
