@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numba
 
+import lab.batch.replace  # numba learns NamedTuple._replace  # noqa: F401
 from lab.batch.pipeline import PART, WHOLE
 
 PACKAGES = ("companion", "sim_bridge", "lab")

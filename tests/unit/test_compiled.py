@@ -59,6 +59,21 @@ def test_compiled_floats_do_not_raise():
     assert math.isnan(compiled(quotient)(0.0, 0.0))
 
 
+class Kept(NamedTuple):
+    motion: Motion
+    weights: list[float]
+    steps: int
+
+
+def replaced(x: float) -> Kept:
+    kept = Kept(steps=1, weights=[x], motion=Motion(rate=x, position=2.0 * x))
+    return kept._replace(motion=kept.motion._replace(rate=-x), weights=[*kept.weights, 3.0])
+
+
+def test_records_are_made_by_keyword_and_replaced():
+    assert compiled(replaced)(0.5) == replaced(0.5) == Kept(Motion(1.0, -0.5), [0.5, 3.0], 1)
+
+
 def doubled(x: float) -> float:
     return 2.0 * x
 
