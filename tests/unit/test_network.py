@@ -50,7 +50,7 @@ def test_a_positive_error_asks_for_a_smaller_d_hat(eps):
     assert np.sign(d_hat) == -np.sign(eps)
 
 
-def hold(d, *, flip=1.0, seconds=30.0):
+def hold(d, seconds=30.0):
     """The paper's plant m z'' = tau - d held at z = 0 by law and network; return eps and d_hat over time."""
     m, lam, kappa = 28.5, 4.7, 8.0
     net = net_of()
@@ -58,7 +58,7 @@ def hold(d, *, flip=1.0, seconds=30.0):
     seen = []
     for _ in range(round(seconds / DT)):
         eps = w + lam * z
-        d_hat = net.step(Signals(z, w, flip * eps, w, 0.0, 0.0))
+        d_hat = net.step(Signals(z, w, eps, w, 0.0, 0.0))
         tau = sum(rov_law(0.0, d_hat, m, 0.0, z, w, lam, kappa))
         w = w + DT * (tau - d) / m
         z = z + DT * w
@@ -74,12 +74,6 @@ def test_a_constant_disturbance_is_learnt_until_the_error_is_gone(d):
     assert np.abs(eps[:10]).max() > 0.1 * untrained
     assert np.abs(eps[-250:]).max() < 1e-3 * untrained
     assert d_hat[-1] == pytest.approx(d, rel=1e-3)
-
-
-def test_the_other_sign_fails():
-    eps, d_hat = hold(20.0, flip=-1.0)
-    assert np.abs(eps[-250:]).min() > 20.0 / (28.5 * 8.0)
-    assert d_hat[-1] < 0.0
 
 
 def test_the_update_follows_eq_w_dot():
@@ -116,14 +110,6 @@ def test_both_layers_follow_back_propagation_by_finite_differences():
     np.testing.assert_allclose(W_after - W, -DT * 3.0 * eps * by_w, atol=1e-9)
     np.testing.assert_allclose(V_after - V, -DT * 2.0 * eps * by_v, atol=1e-9)
     assert np.abs(V_after - V).max() > 1e-6
-
-
-def test_a_frozen_hidden_layer_stays():
-    net, rng = net_of(), np.random.default_rng(6)
-    before = net.state.V
-    for _ in range(50):
-        net.step(drawn(rng, rng.normal()))
-    assert before == net.state.V
 
 
 def test_leak_forgets_at_its_rate_and_only_while_learning():
