@@ -9,29 +9,29 @@ from companion import assembly
 from companion.config import Config
 from companion.core import attitude, observers
 from companion.core.actuation import FULL, NONE
-from companion.core.allocation import HORIZONTAL, can_lose, reserve
+from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
 from companion.core.axis import AxisSample
 from companion.core.observers import Inputs
+from companion.core.permission import Permission, Wanted
 from companion.core.reference import Reference
 from companion.core.tick import (
+    Demand,
     Known,
     Memory,
-    Outputs,
-    Outside,
-    Permission,
-    Sent,
-    Wanted,
+    confirm,
+    control,
+    observe,
+    references,
     referred,
     retuned,
     start,
-    tick,
 )
 from companion.estimation.parameters import noise_of, tables_in_steps, with_noise
 from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
-from companion.guidance.pilot import NO_DEMAND
+from companion.guidance.pilot import PilotDemand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.pilot_display import PilotDisplay
 from companion.mavlink.relay import pilot_events
@@ -43,7 +43,6 @@ from companion.records import (
     NEUTRAL,
     SAMPLES,
     ZERO,
-    Axes,
     AxisCommand,
     Condition,
     ControlSample,
@@ -51,6 +50,7 @@ from companion.records import (
     Event,
     Flags,
     LoopHealth,
+    PilotSticks,
     Request,
     Sender,
     Setpoint,
@@ -76,14 +76,40 @@ REDESIGN_COST = 16
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 
 
-class Now(NamedTuple):
-    """What came in for this tick, beside what is measured."""
+class Heard(NamedTuple):
+    """What came in for a tick."""
 
-    reports: Sequence[Event]
-    requests: Sequence[Request]
-    loop: LoopHealth
+    now_s: float
     dt_s: float
     control_dt_s: float
+    events: list[Event]
+    reports: Sequence[Event]
+    """The events that are no samples."""
+    requests: Sequence[Request]
+    loop: LoopHealth
+
+
+class Guarded(NamedTuple):
+    """What may leave for the vehicle."""
+
+    command: AxisCommand
+    applied: AxisCommand
+    """What the vehicle makes of the command, after rounding."""
+    held: ByAxis
+    """Which of the axes are ours; the others are the pilot's."""
+    pilot: PilotSticks | None
+    steers: bool
+
+
+class Tick(NamedTuple):
+    """What a tick came to, for the next one and for those who ask between ticks."""
+
+    heard: Heard
+    state: VehicleState
+    """In the frame inside."""
+    demand: Demand
+    dofs: DofSample
+    guarded: Guarded
 
 
 class Engine:
@@ -105,31 +131,21 @@ class Engine:
         """What the core knows beforehand."""
         self.memory = start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
-        self._outside = Outside(Engine._permit, Engine._guide, Engine._send, self)
         self._noise = noise_of(config)
         """For which the Kalman gains are."""
         self._redesign: tuple[tuple[float, float], Task[None]] | None = None
         self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)
-        self._sent = NEUTRAL
-        self._state: VehicleState
-        """What the last tick believed of the vehicle, in the frame inside; there is none before the first."""
-        self._demand = NO_DEMAND
-        self._out: list[bytes] = []
-        self.outputs: Outputs | None = None
-        """What the core gave in the last tick."""
-        self._dofs: DofSample | None = None
-        self._finite = True
-        self._last_s: float | None = None
-        self._delay_s: float | None = None
+        self.last: Tick | None = None
+        """With what follows, set by `step` at its end."""
         self.events: list[Event] = []
         """What the last tick took in."""
         self.applied = NEUTRAL
         """What the vehicle makes of the last command, after rounding."""
-        self.excitation = ZERO
-        """A body force that is added to the law's, N and N·m, to identify the vehicle."""
         self.steering = False
         """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
+        self.excitation = ZERO
+        """A body force that is added to the law's, N and N·m, to identify the vehicle."""
 
     def step(
         self,
@@ -143,44 +159,25 @@ class Engine:
 
         `ground` are the pilot's frames as `Relay.take` gives them.
         """
-        dt_s = self._tick_s if self._last_s is None else now_s - self._last_s
-        control_dt_s = min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s)
-        self._last_s = now_s
-        self._follow_noise()
-        heard = self._autopilot.receive(datagrams)
-        pilots, others = self._autopilot.without_others(ground)
-        events = self.events = [*heard, *others, *pilot_events(pilots, self._autopilot.origin)]
-        reports = [event for event in events if type(event) not in SAMPLES]
-        requests = self._supervision.accepted(requests)
-        memory, inputs = self._take(now_s, events, requests)
-        self._now = Now(reports, requests, loop, dt_s, control_dt_s)
-        self.memory, outputs = tick(self.parameters, memory, inputs, self._outside, control_dt_s)
-        self.outputs, self._dofs = outputs, sampled(outputs)
-        self._finite = outputs.finite
-        if not outputs.finite:
-            self._forget_motion()
-
-        state, dofs, actuated, frame = self._state, self._dofs, self.memory.actuated, self._estimator.frame
-        eta_d = frame.now.outside(self._guidance.reference_now(dofs.x_d, state))
-        return self._out, ControlSample(
-            state=frame.reported_state(state),
-            eta_d=eta_d,
-            angles_d=attitude.angles(actuated.held),
-            dofs=frame.reported_dofs(dofs),
-            command=self._sent,
-            requested=Wrench(outputs.requested),
-            delivered=Wrench(actuated.delivered),
-            verdict=self.verdict,
-            counters=replace(self._autopilot.counters),
-            loop=loop,
-            guided=self._guidance.guided,
-            texts=(
-                *self._fitness.introduced(now_s),
-                *[report for report in reports if isinstance(report, StatusText)],
-            ),
-            refused=self._supervision.refused,
-            disarms_in_s=self._supervision.disarms_in_s(state),
+        heard = self._receive(now_s, datagrams, ground, requests, loop)
+        memory, inputs = self._estimate(heard)
+        memory, known = observe(self.parameters, memory, inputs)
+        state = self._estimator.state(
+            inputs, known.motion, known.model, known.dead_motor, memory.actuated.delivered
         )
+        demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)
+        verdict, permission = self._permit(heard, memory, known, state, demanded)
+        reference = references(self.parameters, memory, known, permission)
+        wanted = self._guide(heard, known, state, demanded, verdict, reference)
+        memory, demand = control(self.parameters, memory, known, permission, wanted, heard.control_dt_s)
+        guarded = self._guard(demand, state, demanded, verdict)
+        frames = self._send(heard, state, guarded)
+        memory = confirm(self.parameters, memory, demand, guarded.applied, guarded.held)
+
+        self.memory = memory if demand.finite else self._without_motion(memory)
+        self.last = Tick(heard, state, demand, sampled(demand), guarded)
+        self.events, self.applied, self.steering = heard.events, guarded.applied, guarded.steers
+        return frames, self._record(self.last)
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
         """Return what the pilot's ground station is to show of the last tick, and answers to its commands.
@@ -191,7 +188,8 @@ class Engine:
         def left() -> float:
             return reserve(self.parameters.actuation.thrusters, self.applied, self._reach(sample.state))
 
-        return self._autopilot.displayed(self._display.step(sample, events, self._now.reports, left))
+        reports = self.last.heard.reports if self.last is not None else ()
+        return self._autopilot.displayed(self._display.step(sample, events, reports, left))
 
     def last_words(self, words: str) -> list[bytes]:
         """Return what the pilot's ground station is to show when this process ends."""
@@ -233,7 +231,8 @@ class Engine:
     @property
     def state(self) -> VehicleState:
         """What the last tick believed of the vehicle."""
-        return self._estimator.frame.reported_state(self._state)
+        assert self.last is not None, "nothing is known before the first tick"
+        return self._estimator.frame.reported_state(self.last.state)
 
     @property
     def target(self) -> Vector:
@@ -261,8 +260,9 @@ class Engine:
 
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
+        now_s = 0.0 if self.last is None else self.last.heard.now_s
         reference = referred(self.memory.controlled, self.memory.limits)
-        self._guidance.guide(order, self._last_s or 0.0, reference)
+        self._guidance.guide(order, now_s, reference)
 
     def checked(self, state: VehicleState) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
@@ -291,11 +291,13 @@ class Engine:
         """
         changed = assembly.changed(self._config, config)
         self._guidance.refuse(config)
-        assembly.refuse_fast_gains(config, self._delay_s, self._config)
+        delay_s = None if self.last is None else self.last.state.delays.total_s
+        assembly.refuse_fast_gains(config, delay_s, self._config)
         if changed - {"supervisor"}:
             measured = self._as_measured(config)
             parameters = assembly.parameters(measured)
-            self.memory = retuned(self.parameters, parameters, self.memory, self.outputs)
+            last = None if self.last is None else self.last.demand
+            self.memory = retuned(self.parameters, parameters, self.memory, last)
             self.parameters = parameters
             self._estimator.retune(config, parameters.control.model)
             self._noise, self._redesign = noise_of(measured), None
@@ -323,17 +325,38 @@ class Engine:
             self.memory = self.memory._replace(observed=observers.retuned(designed, self.memory.observed))
             self._noise, self._redesign = noise, None
 
-    def _take(
-        self, now_s: float, events: Sequence[Event], requests: Sequence[Request]
-    ) -> tuple[Memory, Inputs]:
-        """Take in what arrived."""
-        held = self._guidance.engaged[X]
-        observed, inputs = self._estimator.take(
-            now_s, events, self.memory.observed, self._learns(), held=held
+    def _receive(
+        self,
+        now_s: float,
+        datagrams: Sequence[tuple[int, bytes]],
+        ground: Sequence[tuple[int, bytes]],
+        requests: Sequence[Request],
+        loop: LoopHealth,
+    ) -> Heard:
+        """Turn what arrived into events, the vehicle's first."""
+        dt_s = self._tick_s if self.last is None else now_s - self.last.heard.now_s
+        heard = self._autopilot.receive(datagrams)
+        pilots, others = self._autopilot.without_others(ground)
+        events = [*heard, *others, *pilot_events(pilots, self._autopilot.origin)]
+        return Heard(
+            now_s=now_s,
+            dt_s=dt_s,
+            control_dt_s=min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
+            events=events,
+            reports=[event for event in events if type(event) not in SAMPLES],
+            requests=self._supervision.accepted(requests),
+            loop=loop,
         )
-        if Request.ENGAGE in requests:
+
+    def _estimate(self, heard: Heard) -> tuple[Memory, Inputs]:
+        """Return what the observers take, and the memory from which they go on."""
+        self._follow_noise()
+        observed, inputs = self._estimator.take(
+            heard.now_s, heard.events, self.memory.observed, self._learns(), held=self._guidance.engaged[X]
+        )
+        if Request.ENGAGE in heard.requests:
             self._estimator.trust_heading()
-        if Request.RESET_MODEL in requests:
+        if Request.RESET_MODEL in heard.requests:
             observed = observers.forgotten(self.parameters.observers, observed)
         return self.memory._replace(observed=observed), inputs
 
@@ -344,57 +367,55 @@ class Engine:
         surge, sway, heave, yaw = self._guidance.engaged
         return (steers and surge, steers and sway, steers and heave, steers and yaw)
 
-    def _permit(self, inputs: Inputs, known: Known) -> Permission:
-        """Return who may steer."""
-        guidance, now, last = self._guidance, self._now, self.verdict
-        held = last.authority > 0.0 or last.state is State.ACTIVE
-        delivered = self.memory.actuated.delivered
-        state = self._estimator.state(inputs, known.motion, known.model, known.dead_motor, delivered)
-        self._state, self._delay_s = state, state.delays.total_s
-        self._demand = demand = guidance.pilot_demand(state, now.dt_s, now.reports)
+    def _permit(
+        self, heard: Heard, memory: Memory, known: Known, state: VehicleState, demanded: PilotDemand
+    ) -> tuple[Verdict, Permission]:
+        """Return the supervisor's verdict, and who may steer."""
+        guidance, before, last = self._guidance, self.verdict, self.last
+        held = before.authority > 0.0 or before.state is State.ACTIVE
         requests = self._supervision.with_buttons(
-            now.requests, state.t_s, engage=demand.engage, release=demand.release
+            heard.requests, state.t_s, engage=demanded.engage, release=demanded.release
         )
         thrusters = self.parameters.actuation.thrusters
         observed = Observation(
             state=state,
-            angles=attitude.angles(self.memory.actuated.held),
-            events=now.reports,
+            angles=attitude.angles(memory.actuated.held),
+            events=heard.reports,
             requests=requests,
-            loop=now.loop,
-            dt_s=now.dt_s,
+            loop=heard.loop,
+            dt_s=heard.dt_s,
             held=guidance.engaged if held else guidance.holdable(state),
             awaits_position=guidance.awaits_position,
             offers_position=guidance.offers_position,
             wants_ground=guidance.wants_ground,
             doubts_range=guidance.doubts_range,
-            dofs=self._dofs,
-            finite=self._finite,
-            full_override=demand.full_override,
+            dofs=None if last is None else last.dofs,
+            finite=last is None or last.demand.finite,
+            full_override=demanded.full_override,
             misses_motor=known.dead_motor > 0 and not can_lose(thrusters, known.dead_motor),
-            details=self._details(state, holding=held),
+            details=self._details(heard, state, holding=held),
         )
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
         frame = self._estimator.frame
         guidance.count_from(self._datum(state))
         regained = guidance.update(self._supervision.previous, verdict, state, frame, engage=engage)
-        return Permission(
+        return verdict, Permission(
             authority=verdict.authority,
             freeze=verdict.freeze,
             active=verdict.state is State.ACTIVE,
             releases=verdict.state in RELEASING,
             rests=regained is None,
             regained=regained or NONE,
-            trusts_thrusters=Request.CLEAR_FAULT in now.requests,
+            trusts_thrusters=Request.CLEAR_FAULT in heard.requests,
             reach=self._reach(state),
             excitation=self.excitation,
         )
 
-    def _details(self, state: VehicleState, *, holding: bool) -> Details:
+    def _details(self, heard: Heard, state: VehicleState, *, holding: bool) -> Details:
         """Return what is known of conditions beyond their words."""
         config, conditions = self._config, self.verdict.conditions
-        failure = self._fitness.step(self.events, state, config, conditions, holding=holding)
+        failure = self._fitness.step(heard.events, state, config, conditions, holding=holding)
         details = {Condition.PREFLIGHT_FAILURE: (failure, "")} if failure else {}
         if not state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s:
             details[Condition.LINK_LOST] = self.heard.contact()
@@ -415,44 +436,77 @@ class Engine:
     def _reach(self, state: VehicleState) -> AxisCommand:
         return self._autopilot.reach(state.pilot_gain, self._envelope.max_axis)
 
-    def _guide(self, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
+    def _guide(
+        self,
+        heard: Heard,
+        known: Known,
+        state: VehicleState,
+        demanded: PilotDemand,
+        verdict: Verdict,
+        reference: Reference,
+    ) -> Wanted:
         """Return where to go."""
-        now, verdict, guidance = self._now, self.verdict, self._guidance
-        state, demand = self._state, self._demand
-        target = guidance.step(demand, now.reports, verdict, state, reference, now.control_dt_s)
-        pitches = (
-            verdict.state is State.ACTIVE and verdict.authority >= 1.0 and known.dead_motor <= HORIZONTAL
-        )
+        guidance, dt_s = self._guidance, heard.control_dt_s
+        target = guidance.step(demanded, heard.reports, verdict, state, reference, dt_s)
+        full = verdict.state is State.ACTIVE and verdict.authority >= 1.0
+        pitches = full and known.dead_motor <= HORIZONTAL
         return Wanted(target, guidance.engaged, guidance.angles if pitches else LEVEL)
 
-    def _send(self, inputs: Inputs, wanted: Axes) -> Sent:
-        """Guard what is wanted, make the frames of this tick, and return what the vehicle makes of them."""
-        autopilot, verdict, state = self._autopilot, self.verdict, self._state
-        self.steering = self._supervision.steers(state)
-        pilot = self._demand.sticks if self.steering else None
-        sticks, held = autopilot.sticks_beside(self._guidance.engaged, pilot, state.pilot_gain)
-        axes = AxisCommand(*wanted)
-        self._sent = guard(axes, verdict, self._sent, self._envelope, self._tick_s, sticks, held)
-        self.applied = autopilot.applied(self._sent, state.pilot_gain)
-        self._estimator.sent(state.t_s, self.applied[:4])
+    def _guard(self, demand: Demand, state: VehicleState, demanded: PilotDemand, verdict: Verdict) -> Guarded:
+        """Bound what is demanded, and leave the pilot's axes to him."""
+        autopilot = self._autopilot
+        steers = self._supervision.steers(state)
+        pilot = demanded.sticks if steers else None
+        sticks, held = autopilot.sticks_beside(demand.wanted.engaged, pilot, state.pilot_gain)
+        last = NEUTRAL if self.last is None else self.last.guarded.command
+        command = guard(AxisCommand(*demand.axes), verdict, last, self._envelope, self._tick_s, sticks, held)
+        return Guarded(command, autopilot.applied(command, state.pilot_gain), held, pilot, steers)
 
-        mode, arm = self._supervision.wanted_mode(state), self._supervision.asks_arming
-        confirm, reports = self._supervision.unconfirmed, self._now.reports
-        self._out = autopilot.upkeep(state.t_s, reports, mode=mode, arm=arm, confirm=confirm)
-        if self.steering:
-            self._out.append(autopilot.steer(self._sent, state.pilot_gain, pilot))
-        return Sent(self.applied, held)
+    def _send(self, heard: Heard, state: VehicleState, guarded: Guarded) -> list[bytes]:
+        """Return the frames of this tick."""
+        autopilot, supervision = self._autopilot, self._supervision
+        self._estimator.sent(state.t_s, guarded.applied[:4])
+        frames = autopilot.upkeep(
+            state.t_s,
+            heard.reports,
+            mode=supervision.wanted_mode(state),
+            arm=supervision.asks_arming,
+            confirm=supervision.unconfirmed,
+        )
+        if guarded.steers:
+            frames.append(autopilot.steer(guarded.command, state.pilot_gain, guarded.pilot))
+        return frames
 
-    def _forget_motion(self) -> None:
+    def _without_motion(self, memory: Memory) -> Memory:
         """Begin again after a number that is not finite: this tick sent neutral, and the next one faults."""
         self._estimator.restart()
-        actuated = self.memory.actuated._replace(pace=FULL)
-        self.memory = self.memory._replace(actuated=actuated)
+        return memory._replace(actuated=memory.actuated._replace(pace=FULL))
+
+    def _record(self, tick: Tick) -> ControlSample:
+        """Return the record of a tick."""
+        heard, state, frame, actuated = tick.heard, tick.state, self._estimator.frame, self.memory.actuated
+        said = [report for report in heard.reports if isinstance(report, StatusText)]
+        return ControlSample(
+            state=frame.reported_state(state),
+            eta_d=frame.now.outside(self._guidance.reference_now(tick.dofs.x_d, state)),
+            angles_d=attitude.angles(actuated.held),
+            dofs=frame.reported_dofs(tick.dofs),
+            command=tick.guarded.command,
+            requested=Wrench(tick.demand.requested),
+            delivered=Wrench(actuated.delivered),
+            verdict=self.verdict,
+            counters=replace(self._autopilot.counters),
+            loop=heard.loop,
+            guided=self._guidance.guided,
+            texts=(*self._fitness.introduced(heard.now_s), *said),
+            refused=self._supervision.refused,
+            disarms_in_s=self._supervision.disarms_in_s(state),
+        )
 
 
-def sampled(outputs: Outputs) -> DofSample:
+def sampled(demand: Demand) -> DofSample:
     """Return the law's inside by quantity."""
     by_quantity: dict[str, Any] = dict(
-        zip(AxisSample._fields, zip(*outputs.samples, strict=True), strict=True)
+        zip(AxisSample._fields, zip(*demand.samples, strict=True), strict=True)
     )
-    return DofSample(**by_quantity, saturated=outputs.saturated, engaged=outputs.engaged)
+    return DofSample(**by_quantity, saturated=demand.saturated, engaged=demand.wanted.engaged)

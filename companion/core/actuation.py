@@ -16,9 +16,10 @@ from companion.core.allocation import (
 from companion.core.attitude import Deviation, Held
 from companion.core.bounds import limited
 from companion.core.levelling import Levelling, LevellingState
+from companion.core.permission import Permission, Wanted
 from companion.core.positioning import by_dof
 from companion.core.tilt import TiltLimit, TiltState
-from companion.records import PSI, ZERO, Angles, Axes, Flags, Vector, X, Y, Z
+from companion.records import PSI, ZERO, Axes, Flags, Vector, X, Y, Z
 
 FULL: Vector = (1.0, 1.0, 1.0, 1.0)
 NONE: Flags = (False, False, False, False)
@@ -103,17 +104,6 @@ class Tilting(NamedTuple):
     """Whether what is found of the vehicle is used."""
 
 
-class Permission(NamedTuple):
-    """What this tick may do: `active` without ramping down, `releases` what was asked while it was active."""
-
-    authority: float
-    active: bool
-    releases: bool
-    engaged: Flags
-    reach: Axes
-    """Largest demand on each axis."""
-
-
 def start(actuation: Actuation) -> ActuationMemory:
     """Return the memory of one that has sent nothing."""
     return ActuationMemory(
@@ -138,26 +128,26 @@ def step(
     actuation: Actuation,
     memory: ActuationMemory,
     requested: Vector,
-    may: Permission,
+    permission: Permission,
+    wanted: Wanted,
     lean: Tilting,
-    angles: Angles,
     away_m: float,
     dt_s: float,
 ) -> tuple[ActuationMemory, Axes, Limits]:
     """Return the axes for the level wrench `requested`, and what thrust and tilt leave of the reference.
 
-    Roll and pitch are to be held at `angles`; the tilt that counts is the deviation from them.
+    Roll and pitch are to be held at the angles `wanted`; the tilt that counts is the deviation from them.
 
     The reference is `away_m` from the vehicle, horizontally: while the horizontal force is limited it stays
     near, and what is let go is not pulled at. Heave is always ours.
     """
-    active_wrench = requested if may.active else memory.active_wrench
-    rests = may.authority == 0.0
+    active_wrench = requested if permission.active else memory.active_wrench
+    rests = permission.authority == 0.0
     of_tilt = tilt.start(actuation.tilt_limit) if rests else memory.tilt
     roll = levelling.rested(memory.roll) if rests else memory.roll
     pitch = levelling.rested(memory.pitch) if rests else memory.pitch
 
-    held = attitude.HELD_LEVEL if rests else attitude.step(memory.held, angles, dt_s)
+    held = attitude.HELD_LEVEL if rests else attitude.step(memory.held, wanted.angles, dt_s)
     off = attitude.deviation(held, lean.roll, lean.pitch, lean.p, lean.q, lean.turn_radps)
     angle = tilt.coming_tilt(off.roll, off.pitch, off.p, off.q)
     pushed_n, asked_n = _level(memory.delivered), _level(active_wrench)
@@ -167,29 +157,30 @@ def step(
     upright = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
     own_pace, limits = _limits(memory, angle, level < 1.0, upright == 0.0, away_m, dt_s)
 
-    surge, sway, heave, N = active_wrench if may.releases else requested
+    surge, sway, heave, N = active_wrench if permission.releases else requested
     along_axes = attitude.body_force(held, (level * surge, level * sway, heave))
     force = tilt.body_force(off.roll, off.pitch, angle, along_axes)
     K, M = 0.0, 0.0
     if actuation.levels:
+        engaged, full = wanted.engaged, permission.authority == 1.0
         turn = upright * N / actuation.yaw_inertia
         inertia, (k_roll, k_pitch) = actuation.roll.inertia, actuation.righting_nm
         beside = attitude.roll_moment(held, inertia / lean.gain, k_roll, inertia * turn)
-        roll, K = _levelled(actuation, memory, held, roll, Y, force, may, lean, off, beside, dt_s)
+        roll, K = _levelled(actuation, memory, held, roll, Y, force, engaged, full, lean, off, beside, dt_s)
         inertia = actuation.pitch.inertia
         beside = attitude.pitch_moment(held, inertia / lean.gain, k_pitch, inertia * turn)
-        pitch, M = _levelled(actuation, memory, held, pitch, X, force, may, lean, off, beside, dt_s)
+        pitch, M = _levelled(actuation, memory, held, pitch, X, force, engaged, full, lean, off, beside, dt_s)
     N = attitude.upright_share(held) * (upright * N)
-    may_ = may.authority
-    asked = (may_ * force[X], may_ * force[Y], may_ * force[Z], may_ * N, may_ * K, may_ * M)
+    share = permission.authority
+    asked = (share * force[X], share * force[Y], share * force[Z], share * N, share * K, share * M)
     thrusters = without(actuation.thrusters, memory.dead_motor)
-    wanted, short = allocate(thrusters, asked, lean.voltage_v, may.reach)
-    yaw = wanted[PSI]
+    axes, short = allocate(thrusters, asked, lean.voltage_v, permission.reach)
+    yaw = axes[PSI]
     if memory.dead_motor > 0 and any_of(memory.beside) and math.isfinite(asked[PSI]):
-        yaw = _yaw_beside(thrusters, memory.beside, asked[PSI], lean.voltage_v, may.reach[PSI])
-    if not may.engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
+        yaw = _yaw_beside(thrusters, memory.beside, asked[PSI], lean.voltage_v, permission.reach[PSI])
+    if not wanted.engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
         yaw = 0.0
-    wanted = (wanted[0], wanted[1], wanted[2], yaw, wanted[4], wanted[5])
+    axes = (axes[0], axes[1], axes[2], yaw, axes[4], axes[5])
     return (
         ActuationMemory(
             of_tilt,
@@ -199,7 +190,7 @@ def step(
             own_pace,
             (level, level, 1.0, upright),
             active_wrench,
-            wanted,
+            axes,
             short,
             memory.command,
             memory.beside,
@@ -207,7 +198,7 @@ def step(
             memory.saturated,
             memory.dead_motor,
         ),
-        wanted,
+        axes,
         limits,
     )
 
@@ -332,7 +323,8 @@ def _levelled(
     state: LevellingState,
     along: int,
     force: tilt.Force,
-    may: Permission,
+    engaged: Flags,
+    full: bool,
     lean: Tilting,
     off: Deviation,
     beside: float,
@@ -344,7 +336,7 @@ def _levelled(
     not held the pilot's force counts. The thrusters that level are those of heave: a vehicle that answers
     more strongly or weakly there is taken to do so in roll and pitch.
     """
-    push = force[along] if may.engaged[along] else memory.delivered[along]
+    push = force[along] if engaged[along] else memory.delivered[along]
     angle, rate = (off.roll, off.p) if along == Y else (off.pitch, off.q)
     return levelling.step(
         actuation.roll if along == Y else actuation.pitch,
@@ -354,7 +346,7 @@ def _levelled(
         limited(push, actuation.max_force[along]),
         lean.delay_s,
         dt_s,
-        may.authority == 1.0,
+        full,
         lean.gain,
         lean.lag_s,
         lean.adapts,

@@ -1,21 +1,21 @@
-"""One tick: observe, permit, guide, law, thrust, send, remember.
+"""One tick in three calls, on values alone: `observe` the vehicle, `control` it, `confirm` what left for it.
 
-Parameters, memory, inputs and outputs are values. What is not an equation comes in by three functions of
-`Outside`: who may steer, where to go, and what leaves for the vehicle.
+Between the first two others say who may steer and where to go; between the last two the guard bounds what is
+sent. The order is in the types: a `Demand` is made of a `Known`, and a `Demand` is confirmed.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from companion.core import actuation, controller, levelling, observers, thruster_watch
 from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilting
 from companion.core.allocation import ByAxis
 from companion.core.controller import Ahead, Control, ControlMemory, Samples
 from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
+from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
-from companion.records import PSI, Angles, Axes, Flags, Setpoint, Vector, VehicleModel, X, Y, Z, without
+from companion.records import PSI, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
@@ -41,73 +41,29 @@ class Memory(NamedTuple):
     watch_ticks: int
 
 
-class Permission(NamedTuple):
-    """What the supervisor allows in this tick."""
-
-    authority: float
-    """0..1: the share of the wrench that is sent."""
-    freeze: bool
-    """Nothing is learnt."""
-    active: bool
-    releases: bool
-    """What was asked while it was active is let go evenly, whatever the law says by then."""
-    rests: bool
-    """Nothing is held: law and reference stay where the vehicle is."""
-    regained: Flags
-    """What is held again: its reference starts where the vehicle is."""
-    trusts_thrusters: bool
-    """All motors are taken for sound again."""
-    reach: Axes
-    """Largest demand on each axis."""
-    excitation: Vector
-    """A body force beside the law's, N and N·m, to identify the vehicle."""
-
-
-class Wanted(NamedTuple):
-    """Where to go, which degrees of freedom the law holds, and at which angles roll and pitch."""
-
-    target: Setpoint
-    engaged: Flags
-    angles: Angles
-
-
-class Sent(NamedTuple):
-    """What the vehicle makes of the command that went out, and which of its axes are ours."""
-
-    applied: Axes
-    held: ByAxis
-
-
-class Outside(NamedTuple):
-    """What is not an equation. Each function takes `state` first: the engine, or a scripted dive."""
-
-    permit: Callable[[Any, Inputs, "Known"], Permission]
-    guide: Callable[[Any, Inputs, "Known", Reference], Wanted]
-    send: Callable[[Any, Inputs, Axes], Sent]
-    state: Any
-
-
 class Known(NamedTuple):
     """What is known of the vehicle in this tick: its motion, and what it was found to be."""
 
+    inputs: Inputs
     motion: Motion
     ahead: Ahead
-    lean: Tilting
+    tilt: Tilting
     model: VehicleModel
     dead_motor: int
 
 
-class Outputs(NamedTuple):
-    """What telemetry has of the tick beside `Known`."""
+class Demand(NamedTuple):
+    """What the thrusters are asked for in this tick, and why."""
 
     known: Known
+    permission: Permission
+    wanted: Wanted
     samples: Samples
-    target: Setpoint
-    engaged: Flags
-    saturated: Flags
-    """By degree of freedom, whether the last command gave less than the law asked."""
     requested: Vector
     """The law's body wrench, N and N·m."""
+    saturated: Flags
+    """By degree of freedom, whether the last command gave less than the law asked."""
+    axes: Axes
     finite: bool
 
 
@@ -115,87 +71,92 @@ def start(parameters: Parameters) -> Memory:
     """Return the memory of one that knows nothing and has sent nothing."""
     zero = (0.0, 0.0, 0.0, 0.0)
     return Memory(
-        observers.start(parameters.observers),
-        controller.at_rest(parameters.control, zero, zero, zero),
-        actuation.start(parameters.actuation),
-        actuation.NO_LIMITS,
-        thruster_watch.START,
-        0,
+        observed=observers.start(parameters.observers),
+        controlled=controller.at_rest(parameters.control, zero, zero, zero),
+        actuated=actuation.start(parameters.actuation),
+        limits=actuation.NO_LIMITS,
+        watch=thruster_watch.START,
+        watch_ticks=0,
     )
 
 
-def tick(
-    parameters: Parameters, memory: Memory, inputs: Inputs, outside: Outside, dt_s: float
-) -> tuple[Memory, Outputs]:
-    """Advance by `dt_s`."""
+def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Memory, Known]:
+    """Bring the observers on to what was measured; go on without a motor that was found dead."""
     observed, controlled, actuated, limits, watch, ticks = memory
     delay_s = inputs.telemetry_s + inputs.command_s + observed.hidden.hidden_s
     observed, motion = observers.step(parameters.observers, observed, inputs, shares(controlled))
     known = known_of(inputs, motion, observed.learner.model, delay_s, watch.dead, parameters.observers.adapts)
     if known.dead_motor != actuated.dead_motor:
         actuated, lost = actuation.gone_on_without(
-            parameters.actuation, actuated, known.dead_motor, known.lean
+            parameters.actuation, actuated, known.dead_motor, known.tilt
         )
         lost_ned = to_inertial(jacobian(known.ahead.eta[PSI]), lost)
-        observed, controlled = (
-            observers.without(observed, lost_ned),
-            controller.without(controlled, lost_ned),
-        )
+        observed = observers.without(observed, lost_ned)
+        controlled = controller.without(controlled, lost_ned)
+    return Memory(observed, controlled, actuated, limits, watch, ticks), known
 
-    permission = outside.permit(outside.state, inputs, known)
-    controlled = begun(parameters.control, controlled, permission, known.ahead)
-    target, engaged, angles = outside.guide(outside.state, inputs, known, referred(controlled, limits))
 
-    J = jacobian(known.ahead.eta[PSI])
-    full, saturated = permission.authority >= 1.0, actuated.saturated
+def references(parameters: Parameters, memory: Memory, known: Known, permission: Permission) -> Reference:
+    """Return the references from which `control` will go on, and the pace that is left."""
+    return referred(begun(parameters.control, memory.controlled, permission, known.ahead), memory.limits)
+
+
+def control(
+    parameters: Parameters,
+    memory: Memory,
+    known: Known,
+    permission: Permission,
+    wanted: Wanted,
+    dt_s: float,
+) -> tuple[Memory, Demand]:
+    """Return what the law and the thrusters' allocation make of it, as far as it is permitted."""
+    ahead, engaged, saturated = known.ahead, wanted.engaged, memory.actuated.saturated
+    J = jacobian(ahead.eta[PSI])
+    full = permission.authority >= 1.0
     controlled, samples = controller.step(
         parameters.control,
-        controlled,
-        known.ahead,
+        begun(parameters.control, memory.controlled, permission, ahead),
+        ahead,
         J,
-        target,
-        limits.pace,
+        wanted.target,
+        memory.limits.pace,
         engaged,
         without(engaged, saturated),
-        without(inputs.stale, engaged),
+        without(known.inputs.stale, engaged),
         full and not permission.freeze,
         full,
         dt_s,
     )
     requested = wrench(J, samples, permission.excitation)
-    finite = math.isfinite(requested[0] + requested[1] + requested[2] + requested[3])
-    actuated, wanted, limits = actuation.step(
-        parameters.actuation,
-        actuated,
-        requested,
-        actuation.Permission(
-            permission.authority, permission.active, permission.releases, engaged, permission.reach
-        ),
-        known.lean,
-        angles,
-        distance_m(known.ahead.eta, controlled),
-        dt_s,
+    away_m = distance_m(ahead.eta, controlled)
+    actuated, axes, limits = actuation.step(
+        parameters.actuation, memory.actuated, requested, permission, wanted, known.tilt, away_m, dt_s
     )
     controlled = controller.caught_up(
-        parameters.control, controlled, limits.off_track, known.ahead.eta, known.ahead.eta_dot
+        parameters.control, controlled, limits.off_track, ahead.eta, ahead.eta_dot
     )
+    finite = math.isfinite(requested[0] + requested[1] + requested[2] + requested[3])
+    demand = Demand(known, permission, wanted, samples, requested, saturated, axes, finite)
+    return Memory(memory.observed, controlled, actuated, limits, memory.watch, memory.watch_ticks), demand
 
-    applied, held = outside.send(outside.state, inputs, wanted)
-    actuated, given = actuation.sent(parameters.actuation, actuated, applied, known.lean, held)
-    observed = observers.sent(observed, inputs.now_s, to_inertial(J, given))
+
+def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axes, held: ByAxis) -> Memory:
+    """Remember what the vehicle makes of the command that left; axes that are not `held` are the pilot's."""
+    tilt, inputs = demand.known.tilt, demand.known.inputs
+    actuated, given = actuation.sent(parameters.actuation, memory.actuated, applied, tilt, held)
+    given_ned = to_inertial(jacobian(demand.known.ahead.eta[PSI]), given)
+    watch, ticks = memory.watch, memory.watch_ticks
     if parameters.actuation.levels:
-        watch, ticks = watched(
-            parameters.watch,
-            watch,
-            ticks,
-            inputs,
-            permission,
-            applied,
-            levers(parameters.actuation, actuated, known.lean.adapts),
-            parameters.observers.tick_s,
-        )
-    outputs = Outputs(known, samples, target, engaged, saturated, requested, finite)
-    return Memory(observed, controlled, actuated, limits, watch, ticks), outputs
+        pushed = levers(parameters.actuation, actuated, tilt.adapts)
+        watch, ticks = watched(parameters, watch, ticks, inputs, demand.permission, applied, pushed)
+    return Memory(
+        observed=observers.sent(memory.observed, inputs.now_s, given_ned),
+        controlled=memory.controlled,
+        actuated=actuated,
+        limits=memory.limits,
+        watch=watch,
+        watch_ticks=ticks,
+    )
 
 
 def shares(memory: ControlMemory) -> Vector:
@@ -208,31 +169,31 @@ def known_of(
     inputs: Inputs, motion: Motion, model: VehicleModel, delay_s: float, dead_motor: int, adapts: bool
 ) -> Known:
     """Return what is known of the vehicle, and where a command finds it that is sent now."""
-    ahead = Ahead(
-        motion.eta_ahead,
-        motion.eta_dot_ahead,
-        inputs.ahead_s,
-        motion.disturbance,
-        delay_s,
-        model.dof_gain,
-        model.dof_later_s,
-        model.longest_lag_s,
-    )
     roll, pitch, p, q, _ = inputs.attitude
     turns = not inputs.stale[PSI]
-    lean = Tilting(
-        roll,
-        pitch,
-        p if turns else 0.0,
-        q if turns else 0.0,
-        motion.eta_dot_ahead[PSI],
-        inputs.voltage_v,
-        delay_s + model.dof_later_s[Z],
-        levelling_gain(model) if adapts else 1.0,
-        model.lag_s[Z],
-        adapts,
+    ahead = Ahead(
+        eta=motion.eta_ahead,
+        eta_dot=motion.eta_dot_ahead,
+        ahead_s=inputs.ahead_s,
+        disturbance=motion.disturbance,
+        delay_s=delay_s,
+        gain=model.dof_gain,
+        later_s=model.dof_later_s,
+        longest_lag_s=model.longest_lag_s,
     )
-    return Known(motion, ahead, lean, model, dead_motor)
+    tilt = Tilting(
+        roll=roll,
+        pitch=pitch,
+        p=p if turns else 0.0,
+        q=q if turns else 0.0,
+        turn_radps=motion.eta_dot_ahead[PSI],
+        voltage_v=inputs.voltage_v,
+        delay_s=delay_s + model.dof_later_s[Z],
+        gain=levelling_gain(model) if adapts else 1.0,
+        lag_s=model.lag_s[Z],
+        adapts=adapts,
+    )
+    return Known(inputs, motion, ahead, tilt, model, dead_motor)
 
 
 def levelling_gain(model: VehicleModel) -> float:
@@ -288,14 +249,13 @@ def levers(vehicle: Actuation, memory: ActuationMemory, adapts: bool) -> thruste
 
 
 def watched(
-    parameters: thruster_watch.Parameters,
+    parameters: Parameters,
     watch: thruster_watch.State,
     ticks: int,
     inputs: Inputs,
     permission: Permission,
     applied: Axes,
     levers: thruster_watch.Levers,
-    tick_s: float,
 ) -> tuple[thruster_watch.State, int]:
     """Look for a motor that gives no thrust, while the vehicle follows us."""
     if permission.trusts_thrusters:
@@ -305,25 +265,25 @@ def watched(
     ticks += 1
     if ticks % WATCH_TICKS == 0:
         watch = thruster_watch.step(
-            parameters,
+            parameters.watch,
             watch,
             applied,
             inputs.voltage_v,
             inputs.attitude,
             levers,
             inputs.telemetry_s + inputs.command_s,
-            WATCH_TICKS * tick_s,
+            WATCH_TICKS * parameters.observers.tick_s,
         )
     return watch, ticks
 
 
-def retuned(old: Parameters, parameters: Parameters, memory: Memory, last: Outputs | None) -> Memory:
-    """Go on with other parameters, without a step in thrust; `last` is what the last tick gave."""
+def retuned(old: Parameters, parameters: Parameters, memory: Memory, last: Demand | None) -> Memory:
+    """Go on with other parameters, without a step in thrust; `last` is what the last tick asked."""
     observed = observers.retuned(parameters.observers, memory.observed)
     if last is None:
         return start(parameters)._replace(observed=observed)
-    ahead = last.known.ahead
+    ahead, target = last.known.ahead, last.wanted.target
     controlled = controller.taken_over(
-        old.control, parameters.control, memory.controlled, ahead, jacobian(ahead.eta[PSI]), last.target
+        old.control, parameters.control, memory.controlled, ahead, jacobian(ahead.eta[PSI]), target
     )
     return memory._replace(observed=observed, controlled=controlled)

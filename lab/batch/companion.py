@@ -1,4 +1,4 @@
-"""What stands outside the core's tick in a batch: a script permits and guides, and the wire rounds.
+"""What stands around the core's calls in a batch: what is measured, and how the wire rounds.
 
 What differs from the full loop stands here and nowhere else:
 
@@ -7,31 +7,12 @@ What differs from the full loop stands here and nowhere else:
 """
 
 import math
-from typing import NamedTuple
 
 from companion.core.observers import Inputs, Measured
-from companion.core.reference import Reference
-from companion.core.tick import Known, Outside, Permission, Sent, Wanted
-from companion.records import LEVEL, PSI, Axes, Flags, Setpoint, Vector, X, Z
-from companion.supervision.guard import bounded
+from companion.records import PSI, Axes, Vector, X, Z
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
-NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NOBODY: Flags = (False, False, False, False)
 NOTHING: Vector = (0.0, 0.0, 0.0, 0.0)
-
-
-class Script(NamedTuple):
-    """What a dive does in one tick."""
-
-    target: Setpoint
-    """NaN positions stand for where it began."""
-    engaged: Flags
-    begins: bool
-    reach: Axes
-    slew: float
-    last: Axes
-    """The last command before it was rounded for the wire."""
 
 
 def inputs(
@@ -71,27 +52,6 @@ def inputs(
         (readings.roll, readings.pitch, readings.p, readings.q, readings.r),
         voltage_v,
     )
-
-
-def outside(script: Script) -> Outside:
-    """Return what a tick asks for beside its equations."""
-    return Outside(permit, guide, send, script)
-
-
-def permit(script: Script, inputs: Inputs, known: Known) -> Permission:
-    """Return full authority; what is held begins where the vehicle is."""
-    return Permission(1.0, False, True, False, script.begins, NOBODY, False, script.reach, NOTHING)
-
-
-def guide(script: Script, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
-    """Return the scripted target."""
-    return Wanted(script.target, script.engaged, LEVEL)
-
-
-def send(script: Script, inputs: Inputs, wanted: Axes) -> Sent:
-    """Return what the vehicle makes of the axes."""
-    axes = bounded(wanted, script.last, script.reach, script.slew)
-    return Sent(on_the_wire(axes), (True, True, True, True, True, True))
 
 
 def on_the_wire(axes: Axes) -> Axes:

@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from companion.core.actuation import NO_AXES, NONE
 from companion.core.bounds import clamped, wrap
-from companion.core.tick import Parameters, start, tick
-from companion.records import ZERO, Array, Axes, Setpoint, X, Y, Z
+from companion.core.permission import Permission, Wanted
+from companion.core.tick import Parameters, confirm, control, observe, start
+from companion.records import LEVEL, ZERO, Array, Axes, Setpoint, X, Y, Z
 from companion.supervision.guard import bounded
-from lab.batch.companion import NO_AXES, Script, inputs, outside
+from lab.batch.companion import inputs, on_the_wire
 from lab.batch.settings import Companion
 from lab.batch.stand_in import (
     ENGAGED_S,
@@ -34,6 +36,7 @@ from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.body import NOT_DRIVEN, Motors, moved
 from sim_bridge.physics.thrusters import NO_THRUST
 
+OURS = (True, True, True, True, True, True)
 LOST_M = 5.0
 """A dive that is further than this from where it should be is given up: its figures stop there."""
 
@@ -97,12 +100,14 @@ def dive(
         afloat = went_on(vehicle, drawn, afloat, index, axes)
         state, wanted = afloat.state, targets[index]
         readings = read(vehicle, afloat.past, STEPS * (index + 1), afloat.slow, drawn.normals, index + 1)
-        script = scripted(vehicle, companion, wanted, north, east, first, index, last)
         hidden_s = memory.observed.hidden.hidden_s
-        known = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
-        memory, _ = tick(parameters, memory, known, outside(script), TICK_S)
-        last = bounded(memory.actuated.wanted, last, companion.reach, companion.slew)
-        axes = memory.actuated.command
+        measured = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
+        memory, known = observe(parameters, memory, measured)
+        where = aim(vehicle, wanted, north, east, first)
+        memory, demand = control(parameters, memory, known, permit(companion, index), where, TICK_S)
+        last = bounded(demand.axes, last, companion.reach, companion.slew)
+        axes = on_the_wire(last)
+        memory = confirm(parameters, memory, demand, axes, OURS)
 
         before, delivered = delivered, memory.actuated.delivered
         depth_error = state[2] - wanted[2]
@@ -191,34 +196,34 @@ def went_on(vehicle: Vehicle, drawn: Drawn, afloat: Afloat, index: int, axes: Ax
     return Afloat(past, flying, slow, state, driven, static)
 
 
-def scripted(
-    vehicle: Vehicle,
-    companion: Companion,
-    wanted: Array,
-    north: float,
-    east: float,
-    first: Readings,
-    index: int,
-    last: Axes,
-) -> Script:
-    """Return what a tick does, from its row of targets; NaN: `north`, `east` and what was read at `first`."""
-    return Script(
-        Setpoint(
-            (
-                north if math.isnan(wanted[0]) else wanted[0],
-                east if math.isnan(wanted[1]) else wanted[1],
-                first.depth if math.isnan(wanted[2]) else wanted[2],
-                first.heading if math.isnan(wanted[3]) else wanted[3],
-            ),
-            (wanted[4], wanted[5], wanted[6], wanted[7]),
-            (wanted[8], wanted[9], wanted[10], wanted[11]),
-        ),
-        (vehicle.positioned, vehicle.positioned, True, True),
-        index == 0,
-        companion.reach,
-        companion.slew,
-        last,
+def permit(companion: Companion, index: int) -> Permission:
+    """Return full authority; what is held begins where the vehicle is."""
+    return Permission(
+        authority=1.0,
+        freeze=False,
+        active=True,
+        releases=False,
+        rests=index == 0,
+        regained=NONE,
+        trusts_thrusters=False,
+        reach=companion.reach,
+        excitation=ZERO,
     )
+
+
+def aim(vehicle: Vehicle, wanted: Array, north: float, east: float, first: Readings) -> Wanted:
+    """Return where to go, from a row of targets; NaN: `north`, `east` and what was read at `first`."""
+    target = Setpoint(
+        (
+            north if math.isnan(wanted[0]) else wanted[0],
+            east if math.isnan(wanted[1]) else wanted[1],
+            first.depth if math.isnan(wanted[2]) else wanted[2],
+            first.heading if math.isnan(wanted[3]) else wanted[3],
+        ),
+        (wanted[4], wanted[5], wanted[6], wanted[7]),
+        (wanted[8], wanted[9], wanted[10], wanted[11]),
+    )
+    return Wanted(target, (vehicle.positioned, vehicle.positioned, True, True), LEVEL)
 
 
 def put(ring: Rows, tick: int, static: thrusters.Eight) -> None:

@@ -7,20 +7,10 @@ import pytest
 from virtual import Dive, Somebody, hold
 
 from companion import engine
+from companion.core.allocation import ByAxis
 from companion.core.observers import Inputs
-from companion.core.reference import Reference
-from companion.core.tick import (
-    Known,
-    Memory,
-    Outputs,
-    Outside,
-    Parameters,
-    Permission,
-    Sent,
-    Wanted,
-    start,
-    tick,
-)
+from companion.core.permission import Permission, Wanted
+from companion.core.tick import Known, Memory, Parameters, confirm, control, observe, start
 from companion.records import PSI, Array, Axes, X, Z
 from lab.batch.compiled import cached, slotted
 from lab.batch.settings import numbers_of
@@ -37,20 +27,9 @@ class Given(NamedTuple):
     inputs: Inputs
     permission: Permission
     wanted: Wanted
-    sent: Sent
     dt_s: float
-
-
-def permit(given: Given, inputs: Inputs, known: Known) -> Permission:
-    return given.permission
-
-
-def guide(given: Given, inputs: Inputs, known: Known, reference: Reference) -> Wanted:
-    return given.wanted
-
-
-def send(given: Given, inputs: Inputs, wanted: Axes) -> Sent:
-    return given.sent
+    applied: Axes
+    held: ByAxis
 
 
 def built(numbers: Any) -> Parameters:
@@ -63,13 +42,14 @@ def dived(numbers: Any, ticks: list[Given], found: Array) -> None:
     memory = start(parameters)
     for i in range(len(ticks)):
         given = ticks[i]
-        outside = Outside(permit, guide, send, given)
-        memory, outputs = tick(parameters, memory, given.inputs, outside, given.dt_s)
-        put(found[i], memory, outputs)
+        memory, known = observe(parameters, memory, given.inputs)
+        memory, demand = control(parameters, memory, known, given.permission, given.wanted, given.dt_s)
+        memory = confirm(parameters, memory, demand, given.applied, given.held)
+        put(found[i], memory, known)
 
 
-def put(row: Array, memory: Memory, outputs: Outputs) -> None:
-    motion, model, wanted = outputs.known.motion, outputs.known.model, memory.actuated.wanted
+def put(row: Array, memory: Memory, known: Known) -> None:
+    motion, model, wanted = known.motion, known.model, memory.actuated.wanted
     for axis in range(6):
         row[axis] = wanted[axis]
     for dof in range(4):
@@ -87,29 +67,22 @@ def put(row: Array, memory: Memory, outputs: Outputs) -> None:
 
 def test_a_live_dive_is_the_compiled_one(monkeypatch):
     """With DVL, levelling, waves, a current, resets of the EKF, a motor that dies and one that comes back."""
-    ticks, found = [], []
+    ticks, found, dts_s = [], [], []
 
-    def noted(parameters, memory, inputs, outside, dt_s):
-        seen = []
+    def controlled(parameters, memory, known, permission, wanted, dt_s):
+        dts_s.append(dt_s)
+        return control(parameters, memory, known, permission, wanted, dt_s)
 
-        def spied(function):
-            def call(*arguments):
-                seen.append(function(*arguments))
-                return seen[-1]
+    def confirmed(parameters, memory, demand, applied, held):
+        applied = tuple(applied)  # a named tuple of its own in the engine
+        ticks.append(Given(demand.known.inputs, demand.permission, demand.wanted, dts_s[-1], applied, held))
+        memory = confirm(parameters, memory, demand, applied, held)
+        found.append(np.zeros(31))
+        put(found[-1], memory, demand.known)
+        return memory
 
-            return call
-
-        spy = Outside(spied(outside.permit), spied(outside.guide), spied(outside.send), outside.state)
-        memory, outputs = tick(parameters, memory, inputs, spy, dt_s)
-        permission, wanted, sent = seen
-        sent = Sent(tuple(sent.applied), sent.held)  # a named tuple of its own in the engine
-        ticks.append(Given(inputs, permission, wanted, sent, dt_s))
-        row = np.zeros(31)
-        put(row, memory, outputs)
-        found.append(row)
-        return memory, outputs
-
-    monkeypatch.setattr(engine, "tick", noted)
+    monkeypatch.setattr(engine, "control", controlled)
+    monkeypatch.setattr(engine, "confirm", confirmed)
     plant = ("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.35", "waves.enabled=true")
     dive = Dive("initial.eta=[0,0,2.5,0,0,0]", *plant, setpoint=hold(z=2.5, x=0.0, y=0.0), arm=True)
     dive.tap.to_vehicle.append(Somebody().origin())

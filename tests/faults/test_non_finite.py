@@ -108,7 +108,7 @@ def within(part, names, by):
 
 def put(engine, parameters):
     """Go on with other parameters, as `Engine.retune` does."""
-    engine.memory = retuned(engine.parameters, parameters, engine.memory, engine.outputs)
+    engine.memory = retuned(engine.parameters, parameters, engine.memory, engine.last.demand)
     engine.parameters = parameters
 
 

@@ -1,0 +1,35 @@
+"""What guidance and supervisor give the law in a tick: who may steer, and where to go."""
+
+from typing import NamedTuple
+
+from companion.records import Angles, Axes, Flags, Setpoint, Vector
+
+
+class Permission(NamedTuple):
+    """What the supervisor allows in this tick."""
+
+    authority: float
+    """0..1: the share of the wrench that is sent."""
+    freeze: bool
+    """Nothing is learnt."""
+    active: bool
+    releases: bool
+    """What was asked while it was active is let go evenly, whatever the law says by then."""
+    rests: bool
+    """Nothing is held: law and reference stay where the vehicle is."""
+    regained: Flags
+    """What is held again: its reference starts where the vehicle is."""
+    trusts_thrusters: bool
+    """All motors are taken for sound again."""
+    reach: Axes
+    """Largest demand on each axis."""
+    excitation: Vector
+    """A body force beside the law's, N and N·m, to identify the vehicle."""
+
+
+class Wanted(NamedTuple):
+    """Where to go, which degrees of freedom the law holds, and at which angles roll and pitch."""
+
+    target: Setpoint
+    engaged: Flags
+    angles: Angles
