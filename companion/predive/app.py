@@ -14,40 +14,37 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.check import CheckRow
 from companion.predive.inspection import Inspection
 
+Origin = tuple[float, float]
 
-def inspect(
-    config: Config, *, origin: tuple[float, float] | None, thrusters: bool
-) -> tuple[list[CheckRow], list[str]]:
+
+def inspect(config: Config, *, origin: Origin | None, thrusters: bool) -> tuple[list[CheckRow], list[str]]:
     """Look at the vehicle behind `link.endpoint`; return the list and what was done beside looking.
 
     Raises OSError when our own port is taken, KeyboardInterrupt when a signal breaks it off.
     """
     logging.getLogger("holdfast").setLevel(logging.WARNING)
-    try:
-        return asyncio.run(_inspect(config, origin, thrusters))
-    except asyncio.CancelledError:
-        raise KeyboardInterrupt from None
-
-
-async def _inspect(
-    config: Config, origin: tuple[float, float] | None, thrusters: bool
-) -> tuple[list[CheckRow], list[str]]:
-    endpoint = Endpoint.parse(config.link.endpoint)
-    inbox = Inbox(endpoint.is_stream)
     signing = signing_of(config, time.time())
-    timestamps = timestamps_of(config, vehicle=signing)
     inspection = Inspection(config, origin=origin, thrusters=thrusters, signing=signing)
-    link = MavlinkLink(
-        endpoint,
-        "vehicle",
-        inbox.add,
-        Admission(inspection.sender, inspection.hello, config.link.allow, inspection.heard.barred),
-    )
+    timestamps = timestamps_of(config, vehicle=signing)
     if timestamps is not None:
         timestamps.start()
-    wire = asyncio.create_task(link.run())
-    here = asyncio.current_task()
+    try:
+        asyncio.run(_inspect(config, inspection))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+    finally:
+        if timestamps is not None:
+            timestamps.close()
+    return inspection.rows, inspection.notes
+
+
+async def _inspect(config: Config, inspection: Inspection) -> None:
+    endpoint, here = Endpoint.parse(config.link.endpoint), asyncio.current_task()
     assert here is not None
+    inbox = Inbox(endpoint.is_stream)
+    admission = Admission(inspection.sender, inspection.hello, config.link.allow, inspection.heard.barred)
+    link = MavlinkLink(endpoint, "vehicle", inbox.add, admission)
+    wire = asyncio.create_task(link.run())
     on_ending_signal(asyncio.get_running_loop(), here.cancel)
     try:
         while not inspection.done and not wire.done():
@@ -61,6 +58,3 @@ async def _inspect(
             link.send(data)
         wire.cancel()
         link.close()
-        if timestamps is not None:
-            timestamps.close()
-    return inspection.rows, inspection.notes

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from companion.core.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
-from companion.records import Array, AxisCommand
+from companion.records import AXES, Array, AxisCommand
 
 PULSE_S: Final = 0.3
 REST_S: Final = 1.2
@@ -67,7 +67,7 @@ def shares(
     for group in (slice(0, HORIZONTAL), slice(HORIZONTAL, len(factors))):
         A, g = [], []
         for axis, measured in ANSWERS.items():
-            pushes = factors[group, _AXES.index(axis)]
+            pushes = factors[group, AXES.index(axis)]
             if not pushes.any():
                 continue
             for name in measured:
@@ -85,7 +85,6 @@ def shares(
     return tuple(per_motor.tolist())
 
 
-_AXES = ("surge", "sway", "heave", "yaw")
 _RATES = {"w": 2, "r": 3, "p": 4, "q": 5}
 
 

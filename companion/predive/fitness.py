@@ -10,6 +10,7 @@ from companion.predive.survey import Survey
 from companion.records import Condition, Event, StatusText, VehicleState
 
 CHECK_S = 0.25
+"""Between two lists: a refusal is told within a quarter of a second, and a list takes a tenth of a tick."""
 MAV_SEVERITY_INFO = 6
 
 
@@ -23,8 +24,7 @@ class Fitness:
         self._about = ""
         self.listed: list[CheckRow] = []
         """The list as it was made last."""
-        self.failure = ""
-        """The rows that forbid engaging, in words; empty where none does."""
+        self._failure = ""
 
     def step(
         self,
@@ -35,24 +35,22 @@ class Fitness:
         *,
         holding: bool,
     ) -> str:
-        """Take one tick's events and the last one's conditions; return `failure`."""
+        """Take one tick's events and the last one's conditions; return what forbids engaging, in words."""
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s = state.t_s
             self.listed = self.checked(state, config, conditions)
-            self.failure = refusals(self.listed, holding=holding)
-        return self.failure
+            self._failure = refusals(self.listed, holding=holding)
+        return self._failure
 
     def checked(self, state: VehicleState, config: Config, conditions: Condition) -> list[CheckRow]:
         """Return the pre-dive list as far as it is known without trying anything."""
-        return rows(self._survey.observed(state, conditions=conditions), config)
+        return rows(self._survey.observed(state, conditions), config)
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""
-        if now_s != self._checked_s:
-            return ()
         about = self._autopilot.about
-        if about == self._about:
+        if now_s != self._checked_s or about == self._about:
             return ()
         self._about = about
         return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()

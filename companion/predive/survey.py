@@ -8,9 +8,9 @@ from typing import Any
 
 from companion.mavlink.autopilot import Autopilot
 from companion.records import (
+    SAMPLES,
     Battery,
     Condition,
-    Depth,
     EkfOrigin,
     EkfStatus,
     Event,
@@ -21,29 +21,28 @@ from companion.records import (
     Reboot,
     ReceiverChannels,
     StatusText,
-    TimeSync,
     VehicleState,
 )
 from companion.supervision.conditions import NOTHING
 from companion.telemetry.modes import FAILSAFE
 
-DEPTH_WINDOW_S = 2.0
 YAW_ALIGNMENT = "yaw alignment complete"
 """EKF3 says so of the first yaw it finds ("initial"), and of each that it corrects while it moves."""
-CLOCK_JUMP_S = 0.05
-"""An offset that moves by more than its round trip explains and this is a clock that was set again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Directions:
     """How each motor answered a small pulse, relative to what it should: 1 right, -1 the wrong way round.
 
-    `echo` is the part of the asked demand that SERVO_OUTPUT_RAW showed, `refused` why nothing was tried.
+    `refused` says why nothing was tried.
     """
 
     motors: tuple[float, ...] = ()
-    echo: float = 0.0
     refused: str = ""
+
+
+class NotReportedError(Exception):
+    """What a row needs was not reported yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +70,15 @@ class Observed:
     yaw_aligned_t_s: float = -math.inf
     """When the autopilot last said that its EKF aligned its yaw."""
     voltage_v: float | None = None
-    depth_hz: float = 0.0
-    syncs: int = 0
-    round_trip_s: float = 0.0
-    clock_jumps: int = 0
-    modes: Mapping[str, bool] | None = None
-    """Whether each mode that was tried came; None where none was."""
     directions: Directions | None = None
     conditions: Condition = NOTHING
     """What the supervisor finds."""
+
+    def parameter(self, name: str) -> float:
+        """Return a parameter of the autopilot; raise NotReportedError."""
+        if name not in self.parameters:
+            raise NotReportedError(f"{name} was not reported")
+        return self.parameters[name]
 
 
 KEPT: Mapping[type, tuple[str, Callable[[Any], Any]]] = {
@@ -98,35 +97,33 @@ class Survey:
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot = autopilot
-        self._handlers: dict[type, Callable[[Any], None]] = {
-            Depth: self._on_depth,
-            Heartbeat: self._on_heartbeat,
-            PilotToggle: self._on_toggle,
-            Reboot: lambda _: self.restart(),
-            StatusText: self._on_text,
-            TimeSync: self._on_timesync,
-        }
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget all: a rebooted autopilot."""
         self._seen: dict[str, Any] = {"toggles": {}}
-        self._depths = 0
-        self._depths_since_s: float | None = None
-        self._offset_s: float | None = None
 
     def take(self, events: Sequence[Event]) -> None:
-        """Take in one tick's events."""
+        """Take in one tick's events; a reboot of the autopilot forgets all."""
         for event in events:
             kind = type(event)
+            if kind in SAMPLES:
+                continue
             if kind in KEPT:
                 name, value = KEPT[kind]
                 self._seen[name] = value(event)
-            elif kind in self._handlers:
-                self._handlers[kind](event)
+            elif isinstance(event, Heartbeat):
+                previous = self._seen.get("heartbeat")
+                if previous is not None and previous.system_status == event.system_status == FAILSAFE:
+                    self._seen["failsafe_seen"] = True
+                self._seen["heartbeat"] = event
+            elif isinstance(event, PilotToggle):
+                self._seen["toggles"][event.name] = event.on
+            elif isinstance(event, StatusText) and YAW_ALIGNMENT in event.text:
+                self._seen["yaw_aligned_t_s"] = event.t_s
+            elif isinstance(event, Reboot):
+                self._seen = {"toggles": {}}
 
-    def observed(self, state: VehicleState, **tried: Any) -> Observed:
-        """Return what is known by now; `tried` are the fields of what the caller tried."""
+    def observed(
+        self, state: VehicleState, conditions: Condition = NOTHING, directions: Directions | None = None
+    ) -> Observed:
+        """Return what is known by now."""
         autopilot = self._autopilot
         return Observed(
             state=state,
@@ -135,40 +132,7 @@ class Survey:
             asked_hz=autopilot.asked_hz,
             signs=autopilot.heard.vehicle_signs,
             contact=autopilot.heard.contact(),
+            conditions=conditions,
+            directions=directions,
             **self._seen,
-            **tried,
         )
-
-    def _on_depth(self, event: Depth) -> None:
-        if self._depths_since_s is None or event.t_s - self._depths_since_s >= DEPTH_WINDOW_S:
-            if self._depths_since_s is not None:
-                self._seen["depth_hz"] = self._depths / (event.t_s - self._depths_since_s)
-            self._depths_since_s, self._depths = event.t_s, 0
-        self._depths += 1
-
-    def _on_text(self, event: StatusText) -> None:
-        if YAW_ALIGNMENT in event.text:
-            self._seen["yaw_aligned_t_s"] = event.t_s
-
-    def _on_heartbeat(self, event: Heartbeat) -> None:
-        previous = self._seen.get("heartbeat")
-        if previous is not None and previous.system_status == event.system_status == FAILSAFE:
-            self._seen["failsafe_seen"] = True
-        self._seen["heartbeat"] = event
-
-    def _on_toggle(self, event: PilotToggle) -> None:
-        self._seen["toggles"][event.name] = event.on
-
-    def _on_timesync(self, event: TimeSync) -> None:
-        round_trip_s = event.t_s - event.sent_s
-        offset_s = event.boot_s - 0.5 * (event.t_s + event.sent_s)
-        seen = self._seen
-        best_s = seen.get("round_trip_s", round_trip_s)
-        unsure_s = 0.5 * (round_trip_s + best_s) + CLOCK_JUMP_S
-        if self._offset_s is None or abs(offset_s - self._offset_s) > unsure_s:
-            seen["clock_jumps"] = seen.get("clock_jumps", 0) + (self._offset_s is not None)
-            self._offset_s = offset_s
-        elif round_trip_s <= 2.0 * best_s:
-            self._offset_s = offset_s
-        seen["syncs"] = seen.get("syncs", 0) + 1
-        seen["round_trip_s"] = min(best_s, round_trip_s)
