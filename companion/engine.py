@@ -59,7 +59,6 @@ from companion.records import (
     Vector,
     VehicleState,
     Verdict,
-    Wrench,
     X,
 )
 from companion.steps import Steps, Task
@@ -492,8 +491,8 @@ class Engine:
             angles_d=attitude.angles(actuated.held),
             dofs=frame.reported_dofs(tick.dofs),
             command=tick.guarded.command,
-            requested=Wrench(tick.demand.requested),
-            delivered=Wrench(actuated.delivered),
+            requested=tick.demand.requested,
+            delivered=actuated.delivered,
             verdict=self.verdict,
             counters=replace(self._autopilot.counters),
             loop=heard.loop,

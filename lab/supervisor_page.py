@@ -163,9 +163,9 @@ def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     lines = ["| condition | what is said: when | effect | what to do |", "|---" * 4 + "|"]
     for condition in Condition:
         keys = ", ".join(f"`{key}={getattr(limits, key):g}`" for key in RULES[condition].keys)
-        when = f"{condition.description} ({keys})" if keys else condition.description
+        when = f"{condition.description} ({keys})".lstrip() if keys else condition.description
         name, remedy = title(condition.name or ""), condition.remedy or "–"
-        lines.append(f"| {name} | {condition.text}: {when} | {_effect(condition)} | {remedy} |")
+        lines.append(f"| {name} | {condition.text}{when and ': '}{when} | {_effect(condition)} | {remedy} |")
     yield "\n".join([*lines, ""])
 
 

@@ -30,7 +30,6 @@ from companion.records import (
     LoopHealth,
     State,
     Verdict,
-    Wrench,
 )
 
 settings.register_profile("test", derandomize=True, database=None, deadline=None, max_examples=60)
@@ -113,8 +112,8 @@ def _make_sample(**state: Any) -> ControlSample:
         eta_d=(1.1, 2.1, 5.1, 0.6),
         dofs=DofSample(**columns),
         command=NEUTRAL._replace(heave=0.25),
-        requested=Wrench((1.0, 2.0, 40.0, 4.0)),
-        delivered=Wrench((1.0, 2.0, 30.0, 4.0)),
+        requested=(1.0, 2.0, 40.0, 4.0),
+        delivered=(1.0, 2.0, 30.0, 4.0),
         verdict=Verdict(State.ACTIVE, Condition.POSITION_STALE | Condition.ENGAGE_ASKED, 0.75, "holding"),
         counters=LinkCounters(1, 2, 3, 4, 5),
         loop=LoopHealth(600, 50.0, 0.08, 180.0, 2, 7),

@@ -6,7 +6,7 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
 from companion.records.conditions import Condition
-from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample, Wrench
+from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample
 from companion.records.dof import (
     AXES,
     DOFS,
@@ -60,8 +60,6 @@ from companion.records.events import (
     StatusText,
     TimeSync,
 )
-from companion.records.operator import ENGAGE_S, Guided, Request, Setpoint
-from companion.records.sample import ControlSample, LoopHealth
 from companion.records.state import (
     Ages,
     Current,
@@ -72,4 +70,13 @@ from companion.records.state import (
     VehicleModel,
     VehicleState,
 )
-from companion.records.supervision import State, Verdict
+from companion.records.tick import (
+    ENGAGE_S,
+    ControlSample,
+    Guided,
+    LoopHealth,
+    Request,
+    Setpoint,
+    State,
+    Verdict,
+)

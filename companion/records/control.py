@@ -27,12 +27,6 @@ class AxisCommand(NamedTuple):
 NEUTRAL = AxisCommand()
 
 
-class Wrench(msgspec.Struct, frozen=True):
-    """Body forces tau = X, Y, Z (N) and N (N·m), by axis."""
-
-    tau: Vector
-
-
 class DofSample(msgspec.Struct, frozen=True):
     """The law's inside for all four DOFs; NED, `VehicleState.ahead_s` from now.
 

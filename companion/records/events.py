@@ -15,15 +15,13 @@ class Event(msgspec.Struct, frozen=True, gc=False):
 
 
 class Heartbeat(Event, frozen=True, gc=False):
-    """The autopilot's own heartbeat. `mode` is ArduSub's custom_mode, `system_status` MAV_STATE."""
+    """The autopilot's own: custom_mode, MAV_STATE, MAV_TYPE (a submarine), MAV_AUTOPILOT (ArduPilot)."""
 
     armed: bool
     mode: int
     system_status: int
     vehicle_type: int = 12
-    """MAV_TYPE; 12 is a submarine."""
     autopilot: int = 3
-    """MAV_AUTOPILOT; 3 is ArduPilot."""
 
 
 class Attitude(Event, frozen=True, gc=False):
@@ -158,15 +156,13 @@ class PilotHeartbeat(Event, frozen=True, gc=False):
 
 
 class PilotSticks(Event, frozen=True, gc=False):
-    """The pilot's MANUAL_CONTROL, which came through our relay.
-
-    `sticks` are fractions of full stick, -1..1, down positive. The further fields, to be passed on as they
-    came, are (buttons2, enabled_extensions) and aux1..aux6.
-    """
+    """The pilot's MANUAL_CONTROL, which came through our relay."""
 
     sticks: AxisCommand
+    """Fractions of full stick."""
     buttons: int
     extensions: tuple[int, int]
+    """buttons2 and enabled_extensions, passed on as they came, like aux1..aux6."""
     aux: tuple[int, ...]
 
 
@@ -186,18 +182,17 @@ class PilotCommand(Event, frozen=True, gc=False):
 
 
 class PositionTarget(Event, frozen=True, gc=False):
-    """The ground station's SET_POSITION_TARGET_LOCAL_NED; NaN where it says nothing, heading and rate last.
-
-    `place` counts from the origin, or with `offset` from where the vehicle is; with `body` all are forward,
-    right and down. With `turns` the heading counts from the vehicle's.
-    """
+    """The ground station's SET_POSITION_TARGET_LOCAL_NED; NaN where it says nothing, heading last."""
 
     place: Vector
     velocity: Vector
     acceleration: Vector
     offset: bool
+    """`place` counts from where the vehicle is."""
     body: bool
+    """All are forward, right and down."""
     turns: bool
+    """The heading counts from the vehicle's."""
 
 
 class AttitudeTarget(Event, frozen=True, gc=False):
@@ -234,10 +229,9 @@ class EkfStatus(Event, frozen=True, gc=False):
     depth: bool
     variance: float
     position: bool = False
-    """Horizontal position and velocity."""
     initialised: bool = True
     absolute: bool = True
-    """Whether the position comes of a source of positions; else it is dead reckoning, and drifts."""
+    """The position comes of a source of positions; else it is dead reckoning, and drifts."""
 
 
 class Leak(Event, frozen=True, gc=False):
@@ -253,8 +247,7 @@ class Sender(Enum):
 
     STRANGER = auto()
     BEHIND = auto()
-    """To be greeted: rightly signed and not new, a replay or a clock that has to learn the time from us; or
-    our vehicle in MAVLink 1."""
+    """To be greeted: our vehicle in MAVLink 1, or rightly signed and not new (a replay, or a wrong clock)."""
     EXPECTED = auto()
 
 

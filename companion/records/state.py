@@ -34,17 +34,16 @@ class Ages(msgspec.Struct, frozen=True):
 
 
 class Delays(msgspec.Struct, frozen=True):
-    """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value.
-
-    `telemetry_s` runs from the autopilot's stamp to arrival, `command_s` from sending to the motor's PWM;
-    `hidden_s` is what no stamp shows (companion.core.hidden_delay).
-    """
+    """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value."""
 
     telemetry_s: float
+    """From the autopilot's stamp to arrival."""
     command_s: float
+    """From sending to the motor's PWM."""
     telemetry_known: bool
     command_known: bool
     hidden_s: float = 0.0
+    """What no stamp shows (companion.core.hidden_delay)."""
 
     @property
     def total_s(self) -> float:

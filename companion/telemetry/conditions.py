@@ -13,7 +13,7 @@ UNSAID |= C.OPERATOR_STOP | C.ENGAGE_ASKED | C.CLEAR_ASKED | C.INTERRUPTED
 
 INTERRUPTED is reported as UNSTEADY."""
 
-ENDED = {condition.ended: condition.text for condition in C}
+ENDED = {condition.ended: condition.text for condition in C if condition.ended}
 """For the words that a condition has ended, those of its beginning."""
 
 

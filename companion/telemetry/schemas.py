@@ -167,14 +167,14 @@ class Command(Record, frozen=True, kw_only=True):
     sway: Annotated[float, field("demand, -1..1")]
     heave: Annotated[float, field("demand, -1..1")]
     yaw: Annotated[float, field("demand, -1..1")]
-    surge_requested_n: Annotated[float, field("requested by the law", "requested.tau[surge]")]
-    sway_requested_n: Annotated[float, field("requested by the law", "requested.tau[sway]")]
-    heave_requested_n: Annotated[float, field("requested by the law", "requested.tau[heave]")]
-    yaw_requested_nm: Annotated[float, field("requested by the law", "requested.tau[yaw]")]
-    surge_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered.tau[surge]")]
-    sway_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered.tau[sway]")]
-    heave_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered.tau[heave]")]
-    yaw_delivered_nm: Annotated[float, field("delivered, by the thruster model", "delivered.tau[yaw]")]
+    surge_requested_n: Annotated[float, field("requested by the law", "requested[surge]")]
+    sway_requested_n: Annotated[float, field("requested by the law", "requested[sway]")]
+    heave_requested_n: Annotated[float, field("requested by the law", "requested[heave]")]
+    yaw_requested_nm: Annotated[float, field("requested by the law", "requested[yaw]")]
+    surge_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered[surge]")]
+    sway_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered[sway]")]
+    heave_delivered_n: Annotated[float, field("delivered, by the thruster model", "delivered[heave]")]
+    yaw_delivered_nm: Annotated[float, field("delivered, by the thruster model", "delivered[yaw]")]
 
 
 class Supervisor(Record, frozen=True, kw_only=True):

@@ -198,7 +198,7 @@ def recorded(steps: Sequence[Step]) -> Dive:
         reference=np.array([sample.eta_d for sample in samples]),
         **_true([step.truth for step in steps]),
         believed=np.array([sample.state.eta[:Z] for sample in samples]),
-        force=np.array([sample.delivered.tau[:PSI] for sample in samples]),
+        force=np.array([sample.delivered[:PSI] for sample in samples]),
         saturated=np.array([any(sample.dofs.saturated) for sample in samples]),
         active=np.array([sample.verdict.state is State.ACTIVE for sample in samples]),
     )

@@ -29,7 +29,7 @@ def bump(before, act, seconds=1.0):
         one = before()
         if acts:
             act(one)
-        tau.append([step.sample.delivered.tau for step in one.run(seconds)])
+        tau.append([step.sample.delivered for step in one.run(seconds)])
     made = np.array(tau[1]) - np.array(tau[0])
     return np.abs(np.diff(made, axis=0, prepend=np.zeros((1, 4)))).max(0)
 

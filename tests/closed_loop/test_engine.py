@@ -168,7 +168,7 @@ def test_engaging_is_no_step(depth_m):
     dive = Dive(f"initial.eta=[0,0,{depth_m},0,0,0.4]", setpoint=hold(z=3.0, psi=-1.0))
     dive.until(State.ACTIVE)
     steps = [dive.step, *dive.run(1.0)]
-    tau = np.array([step.sample.delivered.tau for step in steps])
+    tau = np.array([step.sample.delivered for step in steps])
     assert np.abs(tau[:5, 2]).max() < 5.0
     assert np.abs(tau[:5, 3]).max() < 0.3
     assert np.abs(np.diff(tau[:, 2])).max() < 12.0
@@ -198,8 +198,8 @@ def test_before_engaging_nothing_in_the_sample_is_beyond_numbers():
             sample.eta_d,
             sample.dofs.tau,
             sample.dofs.x_d,
-            sample.requested.tau,
-            sample.delivered.tau,
+            sample.requested,
+            sample.delivered,
         ):
             assert np.isfinite(part[2:]).all()
 
@@ -210,7 +210,7 @@ def test_what_is_delivered_is_told_from_what_was_requested():
     sample = dive.step.sample
     assert sample.dofs.saturated[2]
     assert not sample.dofs.adapting[2]
-    assert abs(sample.delivered.tau[2]) < abs(sample.requested.tau[2])
+    assert abs(sample.delivered[2]) < abs(sample.requested[2])
     assert abs(sample.command.heave) <= 0.1
 
 
@@ -246,7 +246,7 @@ def test_a_zero_that_arming_moves_is_no_motion(seed):
     def engaged(*plant):
         dive = Dive(*plant, setpoint=Setpoint(NAN), seed=seed).until(State.ACTIVE)
         steps = [dive.step, *dive.run(3.0)]
-        return steps, np.abs([step.sample.requested.tau[2] for step in steps[:50]]).max()
+        return steps, np.abs([step.sample.requested[2] for step in steps[:50]]).max()
 
     (steps, most_n), (_, without_n) = engaged("sensors.offset_m=0.5"), engaged()
     assert most_n < without_n + 2.0

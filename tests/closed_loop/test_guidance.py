@@ -167,7 +167,7 @@ def test_a_lost_position_releases_x_and_y_holds_the_rest_and_is_regained_without
     assert regained[-1].sample.dofs.engaged == (True,) * 4
     assert math.dist(regained[-1].truth.eta[:2], (0.0, 0.0)) < 0.1, "back where it was held"
     first = next(i for i, step in enumerate(regained) if step.sample.dofs.engaged[X])
-    force = np.array([step.sample.requested.tau[:2] for step in regained[first : first + 5]])
+    force = np.array([step.sample.requested[:2] for step in regained[first : first + 5]])
     assert np.abs(force).max() < 12.0
     x_d = reference(regained[first:])
     assert np.abs(np.diff(x_d[:, 1, :2], axis=0)).max() < 0.02

@@ -155,7 +155,7 @@ def test_holds(name: str) -> None:
     eta = np.array([step.truth.eta for step in kept])
     goal = np.where(np.isnan(case.goal), 0.0, case.goal)
     depth_mm = 1e3 * (eta[:, 2] - goal[Z])
-    thrust_n = np.array([step.sample.delivered.tau[Z] for step in kept])
+    thrust_n = np.array([step.sample.delivered[Z] for step in kept])
     assert rms(depth_mm) <= case.depth_rms_mm
     assert np.abs(depth_mm).max() <= case.depth_peak_mm
     assert rms(np.degrees(wrap(eta[:, 5] - goal[PSI]))) <= case.heading_rms_deg
@@ -208,7 +208,7 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
     known = Case(vehicle=("waves.enabled=true",), link=hidden.link)
 
     def thrust_rms(steps: list[Step]) -> float:
-        return rms(np.array([s.sample.delivered.tau[Z] for s in steps if s.t_s > hidden.settled_s]))
+        return rms(np.array([s.sample.delivered[Z] for s in steps if s.t_s > hidden.settled_s]))
 
     blind = fly(hidden)
     assert blind[-1].sample.state.delays.hidden_s > 0.03
@@ -219,7 +219,7 @@ def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle() -> None:
     """40 ms more each way from 20 s on, in waves: mostly known within 3 s, and held as well as ever after."""
     case = Case(vehicle=("waves.enabled=true",), link=LinkDelay(change_s=(20.0, 0.04)), duration_s=45.0)
     steps = fly(case)
-    thrust = np.array([step.sample.delivered.tau[Z] for step in steps if step.t_s >= 20.0])
+    thrust = np.array([step.sample.delivered[Z] for step in steps if step.t_s >= 20.0])
     delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (19.9, 23.0, 40.0)}
     assert delay_s[23.0] > delay_s[19.9] + 0.05
     assert delay_s[40.0] == pytest.approx(delay_s[19.9] + 0.08, abs=0.02)

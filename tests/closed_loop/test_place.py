@@ -65,7 +65,7 @@ def test_a_position_that_comes_during_a_dive_is_offered_and_not_taken_up_unasked
     before, after = dive.run(9.0 - dive.t_s), dive.run(6.0)
     assert not any(map(offered, before))
     assert all(map(offered, after[150:]))
-    assert not any(any(step.sample.requested.tau[:2]) for step in after)
+    assert not any(any(step.sample.requested[:2]) for step in after)
 
 
 @pytest.mark.parametrize("ask", ["hold here", "engage", "go"])

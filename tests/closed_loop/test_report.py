@@ -16,7 +16,7 @@ from virtual import ROOT, hold
 
 from companion.config import load_config
 from companion.engine import Engine
-from companion.records import ControlSample, Request, supervision
+from companion.records import ControlSample, Request, State
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import Item, Recording
@@ -71,7 +71,7 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
 
 def failed(t_s: float, sample: ControlSample) -> ControlSample:
     """A fault from 15 s on."""
-    verdict = replace(sample.verdict, state=supervision.State.FAULT, reason="thruster 3 gives no thrust")
+    verdict = replace(sample.verdict, state=State.FAULT, reason="thruster 3 gives no thrust")
     return replace(sample, verdict=verdict) if t_s > 15.0 else sample
 
 

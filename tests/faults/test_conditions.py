@@ -224,7 +224,7 @@ def test_elsewhere_it_never_engages_and_ends_what_still_pushed(state, condition)
 def test_without_a_position_source_a_lost_one_is_none_of_our_business():
     dive = active()
     np.testing.assert_array_equal(dive.step.sample.dofs.engaged, [False, False, True, True])
-    np.testing.assert_array_equal(dive.step.sample.requested.tau[:2], 0.0)
+    np.testing.assert_array_equal(dive.step.sample.requested[:2], 0.0)
 
 
 @pytest.mark.parametrize("state", list(State))

@@ -59,12 +59,12 @@ def heading_errors_deg(steps, psi):
 def test_a_reset_moves_nothing(plant, fault):
     dive = active(*QUIET, *plant, seconds=20.0)
     before, began_s = dive.step.truth.eta, dive.t_s
-    last = dive.step.sample.requested.tau
+    last = dive.step.sample.requested
     dive.fault(**fault)
     steps = dive.run(8.0)
     assert dive.states_since(began_s) == [State.ACTIVE]
     assert any(step.sample.state.frame_shift for step in steps)
-    thrust = np.array([last, *(step.sample.requested.tau for step in steps)])
+    thrust = np.array([last, *(step.sample.requested for step in steps)])
     assert (np.abs(np.diff(thrust, axis=0)) <= MOST_STEP).all()
     assert heading_errors_deg(steps, before[5]).max() < 2.0
     if plant:
@@ -84,7 +84,7 @@ def under_way(faults):
             dive.fault(**fault)
     assert dive.states_since(began_s) == [State.ACTIVE]
     return (
-        np.array([step.sample.requested.tau for step in steps]),
+        np.array([step.sample.requested for step in steps]),
         np.array([step.truth.eta for step in steps])[:, [0, 1, 2, 5]],
         sum(step.sample.state.frame_shift is not None for step in steps),
     )
@@ -245,7 +245,7 @@ def test_fixes_are_followed_slowly_and_without_a_bump():
         dive.fault("position_reset", value=jump_m)
         steps += dive.run(2.0)
     places = np.array([step.truth.eta[:2] for step in steps])
-    thrust = np.array([step.sample.delivered.tau[:2] for step in steps])
+    thrust = np.array([step.sample.delivered[:2] for step in steps])
     assert len([step for step in steps if step.sample.state.frame_shift]) == len(fixes)
     assert np.abs(np.diff(places, axis=0)).max() / 0.02 < 0.08
     assert np.abs(np.diff(thrust, axis=0)).max() < 6.0

@@ -26,7 +26,7 @@ def reported(steps):
 
 
 def place_held(step):
-    return any(step.sample.requested.tau[:2])
+    return any(step.sample.requested[:2])
 
 
 @pytest.mark.parametrize("deg", [90.0, 180.0])

@@ -89,7 +89,7 @@ def test_it_starts_anew_when_the_link_returns_and_engages_without_a_step(plant):
     dive.run(0.1)
     dive.ask(Request.ENGAGE)
     dive.until(State.ACTIVE)
-    thrust = np.array([step.sample.requested.tau for step in dive.run(0.5)])
+    thrust = np.array([step.sample.requested for step in dive.run(0.5)])
     assert np.abs(thrust[:5]).max() < 15.0
     assert dive.step.sample.verdict.state is State.ACTIVE
 

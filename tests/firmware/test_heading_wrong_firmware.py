@@ -35,7 +35,7 @@ def test_a_place_is_released_where_the_compass_points_backwards(ardusub, orienta
         steps = list(loop.run(30.0))
     reported = [bool(step.sample.verdict.warnings & Condition.HEADING_WRONG) for step in steps]
     assert any(reported) is releases
-    assert any(any(step.sample.requested.tau[:2]) for step in steps[-250:]) is not releases
+    assert any(any(step.sample.requested[:2]) for step in steps[-250:]) is not releases
     assert steps[-1].sample.verdict.state is State.ACTIVE
     assert steps[-1].truth.eta[Z] == pytest.approx(DEPTH_M, abs=0.05)
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < (6.0 if releases else 0.1)

@@ -12,5 +12,5 @@ def test_the_page_is_not_stale():
 def test_every_condition_and_state_is_on_it():
     text = page()
     rows = [f"\n| {title(state)} | {words.text} |" for state, words in STATES.items()]
-    rows += [f"\n| {title(condition.name or '')} | {condition.text}: " for condition in Condition]
+    rows += [f"\n| {title(condition.name or '')} | {condition.text}" for condition in Condition]
     assert [row for row in rows if text.count(row) != 1] == []
