@@ -34,7 +34,6 @@ from companion.guidance.paths.shapes import Path
 from companion.guidance.pilot import PilotDemand
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.pilot_display import PilotDisplay
-from companion.mavlink.relay import pilot_events
 from companion.mavlink.signing import Signing
 from companion.predive.check import CheckRow
 from companion.predive.fitness import Fitness
@@ -334,9 +333,7 @@ class Engine:
     ) -> Heard:
         """Turn what arrived into events, the vehicle's first."""
         dt_s = self._tick_s if self.last is None else now_s - self.last.heard.now_s
-        heard = self._autopilot.receive(datagrams)
-        pilots, others = self._autopilot.without_others(ground)
-        events = [*heard, *others, *pilot_events(pilots, self._autopilot.origin)]
+        events = self._autopilot.receive(datagrams, ground)
         return Heard(
             now_s=now_s,
             dt_s=dt_s,

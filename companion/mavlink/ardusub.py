@@ -11,17 +11,17 @@ Source: docs/ardusub.md, "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "From axis to
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final, Literal, TypeAlias
 
-import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.records import AxisCommand, ServoOutput
+from companion.records import AxisCommand
 
 DepthSource: TypeAlias = Literal["relative_alt", "pressure"]
 ThrustPath: TypeAlias = Literal["rc_override", "manual_control"]
 
+NS_PER_S: Final = 1e9
 NEUTRAL_US: Final = 1500
 SPAN_US: Final = 400
 LEAVE_ALONE: Final = 0xFFFF
@@ -29,6 +29,9 @@ STICK: Final = 1000
 STICK_NEUTRAL_Z: Final = 500
 INT16_MAX: Final = 0x7FFF
 MAX_GAIN: Final = 10.0
+MAX_SPEED_MPS: Final = 20.0
+MAX_DISTANCE_M: Final = 1e5
+"""A speed or a place beyond these is neither measured nor asked for."""
 FLOAT32_HALF_STEP_US: Final = 6e-5
 """The firmware computes PWM in float32: a value within this of a whole µs becomes that µs."""
 
@@ -52,13 +55,11 @@ FRAMES: Final = {0.0: "bluerov1", 1.0: "vectored", 2.0: "vectored_6dof"}
 def stick_demand(sticks: AxisCommand, gain: float, throttle_gain: float) -> AxisCommand:
     """Return what the vehicle makes of the pilot's sticks: demands as `AxisCommand` counts them."""
     reach = manual_control_reach(gain, throttle_gain)
-    return AxisCommand(
+    return sticks._replace(
         surge=sticks.surge * reach.surge,
         sway=sticks.sway * reach.sway,
         heave=sticks.heave * reach.heave,
         yaw=sticks.yaw * reach.yaw,
-        roll=sticks.roll,
-        pitch=sticks.pitch,
     )
 
 
@@ -77,37 +78,28 @@ def quantise(
     RC_CHANNELS_OVERRIDE: whole µs. MANUAL_CONTROL: whole stick steps, then µs with the fraction cut off, as
     the firmware's integers do; so up to 1 µs less forward, right and clockwise, 2 µs less up.
     """
-    if path == "rc_override":
-        return AxisCommand(
-            surge=from_pwm_us(to_pwm_us(command.surge)),
-            sway=from_pwm_us(to_pwm_us(command.sway)),
-            heave=-from_pwm_us(to_pwm_us(-command.heave)),
-            yaw=from_pwm_us(to_pwm_us(command.yaw)),
-            roll=from_pwm_us(to_pwm_us(command.roll)),
-            pitch=from_pwm_us(to_pwm_us(command.pitch)),
-        )
-    x, y, z, r = to_sticks(command, gain, throttle_gain)
-    level, throttle = _full_stick(gain, throttle_gain)
-    scale = SPAN_US / STICK * level
-    throttle_scale = SPAN_US / STICK_NEUTRAL_Z * throttle
-    throttle_base = _whole_us(NEUTRAL_US - STICK_NEUTRAL_Z * throttle_scale)
-    return AxisCommand(
-        surge=from_pwm_us(_whole_us(NEUTRAL_US + x * scale)),
-        sway=from_pwm_us(_whole_us(NEUTRAL_US + y * scale)),
-        heave=-from_pwm_us(_whole_us(throttle_base + z * throttle_scale)),
-        yaw=from_pwm_us(_whole_us(NEUTRAL_US + r * scale)),
-        roll=from_pwm_us(to_pwm_us(command.roll)),
-        pitch=from_pwm_us(to_pwm_us(command.pitch)),
+    surge, sway, up, yaw, roll, pitch = to_channels(command)
+    if path == "manual_control":
+        x, y, z, r = to_sticks(command, gain, throttle_gain)
+        level, throttle = _full_stick(gain, throttle_gain)
+        scale, throttle_scale = SPAN_US / STICK * level, SPAN_US / STICK_NEUTRAL_Z * throttle
+        surge, sway, yaw = (_whole_us(NEUTRAL_US + stick * scale) for stick in (x, y, r))
+        up = _whole_us(_whole_us(NEUTRAL_US - STICK_NEUTRAL_Z * throttle_scale) + z * throttle_scale)
+    surge_d, sway_d, up_d, yaw_d, roll_d, pitch_d = map(from_pwm_us, (surge, sway, up, yaw, roll, pitch))
+    return AxisCommand(surge_d, sway_d, -up_d, yaw_d, roll_d, pitch_d)
+
+
+def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
+    """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch."""
+    surge, sway, heave, yaw, roll, pitch = command
+    return (
+        to_pwm_us(surge),
+        to_pwm_us(sway),
+        to_pwm_us(-heave),
+        to_pwm_us(yaw),
+        to_pwm_us(roll),
+        to_pwm_us(pitch),
     )
-
-
-def unmirrored(event: ServoOutput, parameters: Mapping[str, float]) -> ServoOutput:
-    """Return what the outputs would be if no motor were reversed by MOT_n_DIRECTION = -1."""
-    turned = [
-        2 * NEUTRAL_US - pwm if pwm and parameters.get(direction, 1.0) < 0.0 else pwm
-        for direction, pwm in zip(DIRECTIONS, event.pwm_us, strict=False)
-    ]
-    return msgspec.structs.replace(event, pwm_us=tuple(turned))
 
 
 def motor_demand(pwm_us: Sequence[int]) -> tuple[float, ...]:

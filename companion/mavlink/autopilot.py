@@ -6,33 +6,29 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.ardusub import FRAMES, manual_control_reach, quantise, stick_demand, unmirrored
+from companion.mavlink.ardusub import FRAMES, NS_PER_S, manual_control_reach, quantise, stick_demand
 from companion.mavlink.codec import STEERING, Codec, Packer
 from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands, clock_mark
 from companion.mavlink.frames import frame_at
 from companion.mavlink.freshness import Freshness
-from companion.mavlink.heard import Heard
 from companion.mavlink.link_maintenance import LinkMaintenance
 from companion.mavlink.messages import Message, message_name
+from companion.mavlink.pilot import pilot_events
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import streams
 from companion.records import (
     NEUTRAL,
     AxisCommand,
     Event,
-    Firmware,
     Flags,
     GlobalOrigin,
     LinkCounters,
     OtherHoldfast,
     PilotSticks,
-    Sender,
-    ServoOutput,
 )
 from companion.telemetry.modes import Mode
 
-NS_PER_S = 1e9
 ABOUT = {"FRAME_CONFIG", "FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "MAV_GCS_SYSID"}
 
 
@@ -41,29 +37,24 @@ class Autopilot:
 
     def __init__(self, config: Config, signing: Signing | None = None) -> None:
         link, vehicle = config.link, config.vehicle
-        counters = LinkCounters()
         mark = clock_mark(link.system, link.component)
         self._commands = Commands(link.vehicle_system, link.vehicle_component, mark)
         self._rates_hz = streams(vehicle.depth_source)
         self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
-        self._decoder = Decoder(
-            counters,
-            depth_source=vehicle.depth_source,
-            parameters=self._maintenance.parameters,
-        )
-        self.heard = Heard(link)
-        """What arrives of others, where the heartbeat does not come."""
+        self.parameters = self._maintenance.parameters
+        """The autopilot's parameters, as far as they were read."""
+        self.counters = LinkCounters()
+        """What became of the bytes."""
+        self._decoder = Decoder(self.counters, depth_source=vehicle.depth_source, parameters=self.parameters)
         self._codec = Codec(
-            link.system,
-            link.component,
-            link.vehicle_system,
-            link.vehicle_component,
+            link,
             stream=Endpoint.parse(link.endpoint).is_stream,
             wanted=self._decoder.ids,
-            counters=counters,
+            counters=self.counters,
             signing=signing,
-            heard=self.heard,
         )
+        self.heard = self._codec.heard
+        self.sender = self._codec.sender
         onboard = (link.vehicle_system, link.component, signing, self._codec.sent)
         self._onboard = Packer(*onboard)
         self._display = Packer(*onboard) if config.ground_station.endpoint else self._onboard
@@ -74,46 +65,37 @@ class Autopilot:
         self._freshness = Freshness()
         self._path = vehicle.thrust_path
         self._tilts = config.levels
-        self.parameters = self._maintenance.parameters
-        """The autopilot's parameters, as far as they were read."""
-
-    def sender(self, datagram: bytes) -> Sender:
-        """Tell whether a datagram is our vehicle's: with a key, by a frame that is signed and new."""
-        return self._codec.sender(datagram)
 
     def hello(self) -> bytes:
         """Return a heartbeat for whoever is not yet our peer; signed, it tells the time."""
         return self._hello.encode(self._commands.heartbeat())
 
-    def receive(self, datagrams: Sequence[tuple[int, bytes]]) -> list[Event]:
-        """Turn datagrams, each with its arrival in monotonic ns, into events. Never raises for any bytes."""
+    def receive(
+        self, datagrams: Sequence[tuple[int, bytes]], ground: Sequence[tuple[int, bytes]] = ()
+    ) -> list[Event]:
+        """Turn what arrived, each with its arrival in monotonic ns, into events. Never raises for any bytes.
+
+        `ground` are the pilot's frames as `Relay.take` gives them. Those with our ids are another Holdfast's,
+        or our own that come back.
+        """
         events: list[Event] = []
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
                 self._maintenance.heard(message.MESSAGE_ID)
-                events.extend(self._freshness.drop_stale(self._decoder.to_events(message, t_s)))
-            events.extend(OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
-        return [
-            unmirrored(event, self.parameters) if type(event) is ServoOutput else event for event in events
-        ]
-
-    def without_others(
-        self, ground: Sequence[tuple[int, bytes]]
-    ) -> tuple[list[tuple[int, bytes]], list[Event]]:
-        """Return the pilot's of the frames that came over the ground station's link, and what is not his.
-
-        With our ids they are another Holdfast's, or our own that come back.
-        """
-        pilots: list[tuple[int, bytes]] = []
-        events: list[Event] = []
+                events += self._freshness.drop_stale(self._decoder.to_events(message, t_s))
+            events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
+        others: list[Event] = []
+        pilots: list[Event] = []
         for t_ns, data in ground:
             frame, t_s = frame_at(data, 0)[1] if data else None, t_ns / NS_PER_S
-            if frame is None or (frame.system, frame.component) not in self._codec.ours:
-                pilots.append((t_ns, data))
+            if frame is None:
+                continue
+            if (frame.system, frame.component) not in self._codec.ours:
+                pilots += pilot_events(frame, t_s, self.origin)
             elif self._codec.is_others(t_s, frame, data):
-                events.append(OtherHoldfast(t_s, frame.id in STEERING))
-        return pilots, events
+                others.append(OtherHoldfast(t_s, frame.id in STEERING))
+        return [*events, *others, *pilots]
 
     def upkeep(
         self,
@@ -185,11 +167,10 @@ class Autopilot:
 
     def reach(self, pilot_gain: float, share: float) -> AxisCommand:
         """Return a share of the largest demand that the path can carry on each axis."""
-        reach = (1.0,) * len(NEUTRAL)
+        reach = AxisCommand(1.0, 1.0, 1.0, 1.0)
         if self._path != "rc_override":
-            surge, sway, heave, yaw, _, _ = manual_control_reach(pilot_gain, self._throttle_gain)
-            reach = (surge, sway, heave, yaw, 1.0, 1.0)
-        return AxisCommand(*(share * axis for axis in reach))
+            reach = manual_control_reach(pilot_gain, self._throttle_gain)
+        return AxisCommand(*(share * axis for axis in reach._replace(roll=1.0, pitch=1.0)))
 
     @property
     def origin(self) -> GlobalOrigin | None:
@@ -197,14 +178,9 @@ class Autopilot:
         return self._maintenance.origin
 
     @property
-    def firmware(self) -> Firmware | None:
-        """The autopilot's version, once it has reported it."""
-        return self._maintenance.firmware
-
-    @property
     def about(self) -> str:
         """Who it is and what protects it, in a line; empty until that is known."""
-        reported, firmware = self.parameters, self.firmware
+        reported, firmware = self.parameters, self._maintenance.firmware
         if firmware is None or not reported.keys() >= ABOUT:
             return ""
         frame = FRAMES.get(reported["FRAME_CONFIG"], f"frame {reported['FRAME_CONFIG']:g}")
@@ -215,7 +191,7 @@ class Autopilot:
     @property
     def measured_hz(self) -> dict[str, float]:
         """How often each stream comes, by MAVLink name, where that was measured."""
-        return {message_name(key): hz for key, hz in self._maintenance.measured_hz.items()}
+        return {message_name(key): hz for key, hz in self._maintenance.streams.measured_hz.items()}
 
     @property
     def asked_hz(self) -> dict[str, float]:
@@ -230,11 +206,6 @@ class Autopilot:
     def set_origin(self, latitude_deg: float, longitude_deg: float) -> bytes:
         """Return the frame that tells the EKF where on earth it is."""
         return self._codec.encode(self._commands.set_origin(latitude_deg, longitude_deg))
-
-    @property
-    def counters(self) -> LinkCounters:
-        """What became of the bytes."""
-        return self._codec.counters
 
     @property
     def _throttle_gain(self) -> float:

@@ -34,26 +34,23 @@ class Sent:
     """What this process sent of late: what else comes with its ids is of another Holdfast."""
 
     def __init__(self) -> None:
-        self._frames: dict[bytes, float] = {}
+        self.frames: dict[bytes, float] = {}
+        """When each was sent, oldest first."""
         self._asked: deque[int] = deque(maxlen=64)
         self._now_s, self._unasked_s = 0.0, -math.inf
 
     def advance(self, now_s: float) -> None:
         """Forget what was sent more than ECHO_S ago."""
         self._now_s = now_s
-        while self._frames and next(iter(self._frames.values())) < now_s - ECHO_S:
-            del self._frames[next(iter(self._frames))]
+        while self.frames and next(iter(self.frames.values())) < now_s - ECHO_S:
+            del self.frames[next(iter(self.frames))]
 
     def add(self, frame: bytes, message: Message) -> None:
         """Take what is sent now."""
-        self._frames.pop(frame, None)
-        self._frames[frame] = self._now_s
+        self.frames.pop(frame, None)
+        self.frames[frame] = self._now_s
         if message.MESSAGE_ID == mavlink.MAVLINK_MSG_ID_TIMESYNC:
             self._asked.append(message.ts1)
-
-    def has(self, frame: bytes) -> bool:
-        """Tell whether a frame is one of these."""
-        return frame in self._frames
 
     def answers_another(self, message: Message, mark: int, t_s: float) -> bool:
         """Tell whether a TIMESYNC answers what another with our `mark` asked."""
@@ -107,28 +104,25 @@ class Codec:
 
     def __init__(
         self,
-        source_system: int,
-        source_component: int,
-        target_system: int,
-        target_component: int,
+        link: LinkSection,
         *,
         stream: bool = False,
         wanted: Container[int] | None = None,
         counters: LinkCounters | None = None,
         signing: Signing | None = None,
-        heard: Heard | None = None,
     ) -> None:
-        self.heard = heard or Heard(LinkSection())
+        self.heard = Heard(link)
+        """What arrives of others, where the heartbeat does not come."""
         self.counters = counters or LinkCounters()
         self.sent = Sent()
-        self.encode = Packer(source_system, source_component, signing, self.sent).encode
+        self._source = (link.system, link.component)
+        self._target = (link.vehicle_system, link.vehicle_component)
+        self.ours = frozenset({self._source, (link.vehicle_system, link.component)})
+        self.encode = Packer(*self._source, signing, self.sent).encode
         self.others: list[Frame] = []
         """What another Holdfast with our ids said, or was answered, in the last datagram."""
         self._signing = signing
-        self._source = (source_system, source_component)
-        self._target = (target_system, target_component)
-        self.ours = frozenset({self._source, (target_system, source_component)})
-        self._mark = clock_mark(source_system, source_component)
+        self._mark = clock_mark(*self._source)
         self._stream = stream
         self._wanted = wanted
         self.splitter = Splitter(stream, version_1=False)
@@ -142,13 +136,13 @@ class Codec:
             self._in_junk = False
         messages: list[Message] = []
         for frame, piece in self.splitter.cut(t_s, data):
-            if frame is not None:
+            if frame is None:
+                self.counters.garbage += not self._in_junk
+                self.heard.junk(piece)
+            else:
                 if self.is_others(t_s, frame, piece):
                     self.others.append(frame)
                 self._open(frame, piece, messages)
-            else:
-                self.counters.garbage += not self._in_junk
-                self.heard.junk(piece)
             self._in_junk = frame is None
         return messages
 
@@ -186,7 +180,7 @@ class Codec:
         """
         sender = (frame.system, frame.component)
         if sender in self.ours:
-            if frame.version != 2 or self.sent.has(piece):
+            if frame.version != 2 or piece in self.sent.frames:
                 return False
             return self._signing is None or self._signing.accepts(piece)
         if sender != self._target or frame.id != mavlink.MAVLINK_MSG_ID_TIMESYNC:

@@ -7,7 +7,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import LEAVE_ALONE, NEUTRAL_US, to_pwm_us, to_sticks
+from companion.mavlink.ardusub import LEAVE_ALONE, NEUTRAL_US, to_channels, to_sticks
 from companion.mavlink.messages import Message, message_type
 from companion.records import AxisCommand, PilotSticks
 from companion.telemetry.modes import Mode
@@ -19,7 +19,6 @@ COMMAND_LONG: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_LONG)
 SET_GPS_GLOBAL_ORIGIN: Final = message_type(mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN)
 TIMESYNC: Final = message_type(mavlink.MAVLINK_MSG_ID_TIMESYNC)
 PARAM_REQUEST_READ: Final = message_type(mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ)
-MAVLINK_VERSION: Final = 3
 MARKS: Final = 1000
 """What is below a microsecond in our TIMESYNC tells whose question it is, as ArduSub does in its own."""
 
@@ -43,20 +42,21 @@ class Commands:
             type=mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
             autopilot=mavlink.MAV_AUTOPILOT_INVALID,
             system_status=mavlink.MAV_STATE_ACTIVE,
-            mavlink_version=MAVLINK_VERSION,
+            mavlink_version=3,
         )
 
     def rc_override(self, command: AxisCommand, *, tilts: bool = False) -> Message:
         """Four axes as PWM, with `tilts` all six; camera and all further channels are left alone."""
+        surge, sway, throttle, yaw, roll, pitch = to_channels(command)
         return RC_CHANNELS_OVERRIDE(
             target_system=self._system,
             target_component=self._component,
-            chan1_raw=to_pwm_us(command.pitch) if tilts else LEAVE_ALONE,
-            chan2_raw=to_pwm_us(command.roll) if tilts else LEAVE_ALONE,
-            chan3_raw=to_pwm_us(-command.heave),
-            chan4_raw=to_pwm_us(command.yaw),
-            chan5_raw=to_pwm_us(command.surge),
-            chan6_raw=to_pwm_us(command.sway),
+            chan1_raw=pitch if tilts else LEAVE_ALONE,
+            chan2_raw=roll if tilts else LEAVE_ALONE,
+            chan3_raw=throttle,
+            chan4_raw=yaw,
+            chan5_raw=surge,
+            chan6_raw=sway,
             chan7_raw=LEAVE_ALONE,
             chan8_raw=LEAVE_ALONE,
         )
@@ -70,28 +70,14 @@ class Commands:
         the pilot, where there is one.
         """
         x, y, z, r = to_sticks(command, gain, throttle_gain)
-        s, t = to_pwm_us(command.pitch) - NEUTRAL_US, to_pwm_us(command.roll) - NEUTRAL_US
-        if pilot is None:
-            return MANUAL_CONTROL(target=self._system, x=x, y=y, z=z, r=r, s=s, t=t)
-        buttons2, extensions = pilot.extensions
-        aux1, aux2, aux3, aux4, aux5, aux6 = pilot.aux
+        *_, roll, pitch = to_channels(command)
+        his: dict[str, int] = {}
+        if pilot is not None:
+            buttons2, extensions = pilot.extensions
+            his = {f"aux{number}": value for number, value in enumerate(pilot.aux, start=1)}
+            his |= {"buttons": pilot.buttons, "buttons2": buttons2, "enabled_extensions": extensions}
         return MANUAL_CONTROL(
-            target=self._system,
-            x=x,
-            y=y,
-            z=z,
-            r=r,
-            buttons=pilot.buttons,
-            buttons2=buttons2,
-            enabled_extensions=extensions,
-            s=s,
-            t=t,
-            aux1=aux1,
-            aux2=aux2,
-            aux3=aux3,
-            aux4=aux4,
-            aux5=aux5,
-            aux6=aux6,
+            target=self._system, x=x, y=y, z=z, r=r, s=pitch - NEUTRAL_US, t=roll - NEUTRAL_US, **his
         )
 
     def set_mode(self, mode: Mode) -> Message:

@@ -1,5 +1,6 @@
 """What is requested of the autopilot, repeatedly: streams, clock, parameters, mode, arming."""
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
@@ -64,41 +65,26 @@ class LinkMaintenance:
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float]) -> None:
         self._commands = commands
-        self._streams = Streams(rates_hz)
+        self.streams = Streams(rates_hz)
         self._parameters: dict[str, float] = {}
         self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""
         self._last: Heartbeat | None = None
         self._wanted_mode: Mode | None = None
         self._confirming = frozenset[str]()
-        self._heartbeat = _Timer(HEARTBEAT_S)
+        self._heartbeat_s = -math.inf
         self._forget()
-
-    @property
-    def firmware(self) -> Firmware | None:
-        """The autopilot's version, once it has reported it."""
-        return self._firmware
-
-    @property
-    def origin(self) -> GlobalOrigin | None:
-        """Where on earth the EKF's origin is, once it has reported one."""
-        return self._origin
 
     @property
     def all_parameters_known(self) -> bool:
         """Whether every one of PARAMETERS was answered."""
         return {RENAMED.get(name, name) for name in PARAMETERS} <= self._parameters.keys()
 
-    @property
-    def measured_hz(self) -> Mapping[int, float]:
-        """Return how often each stream comes, by message id, where that was measured."""
-        return self._streams.measured_hz
-
     def heard(self, message_id: int) -> None:
         """Count one message; what a rangefinder needs is asked once there is one: 4.1 does not have it."""
-        self._streams.heard(message_id)
+        self.streams.heard(message_id)
         if message_id == mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR and QUALITY_PARAMETER not in self._parameters:
-            self._missing.setdefault(QUALITY_PARAMETER, (float("-inf"), PARAMETER_AGAIN_S[0]))
+            self._missing.setdefault(QUALITY_PARAMETER, (-math.inf, PARAMETER_AGAIN_S[0]))
 
     def step(
         self,
@@ -118,49 +104,63 @@ class LinkMaintenance:
         for event in events:
             self._take(event)
         out: list[Message] = []
-        if self._heartbeat.due(now_s):
-            out.append(self._commands.heartbeat())
+        commands = self._commands
+        if now_s >= self._heartbeat_s:
+            self._heartbeat_s = now_s + HEARTBEAT_S
+            out.append(commands.heartbeat())
         if self._last is None:
             return out
         if now_s - self._last.t_s > CONTACT_S:
             self._last = None
             return out
-        asked = self._streams.due(now_s)
-        out += [self._commands.message_interval(key, rate) for key, rate in asked.items()]
-        if self._firmware is None and self._version.due(now_s):
-            out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
-        if self._origin is None and self._origin_due.due(now_s):
-            out.append(self._commands.request_message(mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN))
-        if self._timesync.due(now_s):
-            out.append(self._commands.timesync(now_s))
+        asked = self.streams.due(now_s)
+        out += [commands.message_interval(key, rate) for key, rate in asked.items()]
+        for known, message_id, period_s in (
+            (self.firmware, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, VERSION_S),
+            (self.origin, mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, ORIGIN_S),
+        ):
+            if known is None and self._is_due(message_id, period_s, now_s):
+                out.append(commands.request_message(message_id))
+        if self._is_due("timesync", TIMESYNC_S, now_s):
+            out.append(commands.timesync(now_s))
         if want_mode != self._wanted_mode:
-            self._wanted_mode, self._mode = want_mode, _Timer(COMMAND_S)
-        if want_mode is not None and self._last.mode != want_mode and self._mode.due(now_s):
-            out.append(self._commands.set_mode(want_mode))
-        if want_armed and not self._last.armed and self._arming.due(now_s):
-            out.append(self._commands.arm(True))
+            self._wanted_mode = want_mode
+            self._next_s.pop("mode", None)
+        if want_mode is not None and self._last.mode != want_mode and self._is_due("mode", COMMAND_S, now_s):
+            out.append(commands.set_mode(want_mode))
+        if want_armed and not self._last.armed and self._is_due("arming", COMMAND_S, now_s):
+            out.append(commands.arm(True))
+        return out + self._reads(now_s, confirm)
+
+    def _reads(self, now_s: float, confirm: frozenset[str]) -> list[Message]:
+        """Read the parameter that has waited longest, one every PARAMETER_S."""
         for name in sorted(confirm - self._confirming):
             self._missing[name] = now_s, CONFIRM_AGAIN_S
         self._confirming = confirm
         due = [name for name, (due_s, _) in self._missing.items() if now_s >= due_s]
-        if due and self._reading.due(now_s):
-            name = min(due, key=lambda name: self._missing[name][0])
-            wait_s = self._missing[name][1]
-            self._missing[name] = (now_s + wait_s, min(2.0 * wait_s, PARAMETER_AGAIN_S[1]))
-            out.append(self._commands.read_parameter(name))
-        return out
+        if not (due and self._is_due("reading", PARAMETER_S, now_s)):
+            return []
+        name = min(due, key=lambda name: self._missing[name][0])
+        wait_s = self._missing[name][1]
+        self._missing[name] = (now_s + wait_s, min(2.0 * wait_s, PARAMETER_AGAIN_S[1]))
+        return [self._commands.read_parameter(name)]
+
+    def _is_due(self, what: int | str, period_s: float, now_s: float) -> bool:
+        """Say yes at most once a period, and at once the first time."""
+        if now_s < self._next_s.get(what, -math.inf):
+            return False
+        self._next_s[what] = now_s + period_s
+        return True
 
     def _forget(self) -> None:
         self._parameters.clear()
-        self._missing = {name: (float("-inf"), PARAMETER_AGAIN_S[0]) for name in PARAMETERS}
-        self._streams.restart()
-        self._firmware: Firmware | None = None
-        self._origin: GlobalOrigin | None = None
-        self._version, self._origin_due = _Timer(VERSION_S), _Timer(ORIGIN_S)
-        self._timesync = _Timer(TIMESYNC_S)
-        self._mode = _Timer(COMMAND_S)
-        self._arming = _Timer(COMMAND_S)
-        self._reading = _Timer(PARAMETER_S)
+        self._missing = dict.fromkeys(PARAMETERS, (-math.inf, PARAMETER_AGAIN_S[0]))
+        self.streams.restart()
+        self.firmware: Firmware | None = None
+        """The autopilot's version, once it has reported it."""
+        self.origin: GlobalOrigin | None = None
+        """Where on earth the EKF's origin is, once it has reported one."""
+        self._next_s: dict[int | str, float] = {}
 
     def _take(self, event: Event) -> None:
         if isinstance(event, Reboot):
@@ -168,42 +168,20 @@ class LinkMaintenance:
         elif isinstance(event, Heartbeat):
             if self._last is None:
                 self._forget()
-            elif event.armed and not self._last.armed:
-                self._read_again(event.t_s)
+            elif event.armed and not self._last.armed:  # arming sets the zeroes again
+                zeroes = ZEROES & self._parameters.keys()
+                self._missing |= dict.fromkeys(zeroes, (event.t_s, PARAMETER_AGAIN_S[0]))
             self._last = event
-        elif isinstance(event, Parameter):
-            self._answer(event)
+        elif isinstance(event, Parameter) and event.name in (*PARAMETERS, QUALITY_PARAMETER):
+            known = RENAMED.get(event.name, event.name)
+            self._parameters[known] = event.value
+            for name in (known, *(old for old, new in RENAMED.items() if new == known)):
+                self._missing.pop(name, None)
+            if known in VOLATILE:
+                self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
         elif isinstance(event, Firmware):
-            self._firmware = event
+            self.firmware = event
         elif isinstance(event, GlobalOrigin):
-            self._origin = event
+            self.origin = event
         elif isinstance(event, StatusText):
-            self._streams.said(event.text)
-
-    def _answer(self, event: Parameter) -> None:
-        if event.name not in (*PARAMETERS, QUALITY_PARAMETER):
-            return
-        known = RENAMED.get(event.name, event.name)
-        self._parameters[known] = event.value
-        for name in (known, *(old for old, new in RENAMED.items() if new == known)):
-            self._missing.pop(name, None)
-        if known in VOLATILE:
-            self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
-
-    def _read_again(self, now_s: float) -> None:
-        """Read at once what arming sets again."""
-        self._missing |= dict.fromkeys(ZEROES & self._parameters.keys(), (now_s, PARAMETER_AGAIN_S[0]))
-
-
-class _Timer:
-    """Says yes at most once a period, and at once the first time."""
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._next_s = float("-inf")
-
-    def due(self, now_s: float) -> bool:
-        if now_s < self._next_s:
-            return False
-        self._next_s = now_s + self._period_s
-        return True
+            self.streams.read_refusal(event.text)

@@ -73,14 +73,11 @@ class Texts:
         """Words that may not come again yet, and until when."""
         self._sent_s: deque[float] = deque(maxlen=MOST)
 
-    def put(self, text: Text) -> None:
-        """Let a text wait, instead of an older one on its subject."""
+    def put(self, text: Text, *, again: bool = False) -> None:
+        """Let a text wait, not an older one on its subject; `again` if it is news in the same words."""
+        if again:
+            self._told.pop(text.subject, None)
         self._waiting[text.subject] = text
-
-    def put_again(self, text: Text) -> None:
-        """Let a text wait that is news also where its words were the last on the subject."""
-        self.forget(text.subject)
-        self.put(text)
 
     def end(self, text: Text) -> None:
         """Let the end of something wait, if its beginning was told."""
@@ -91,10 +88,6 @@ class Texts:
     def mark(self, subject: str) -> None:
         """Take a subject for told, in other words."""
         self._told[subject] = ""
-
-    def forget(self, subject: str) -> None:
-        """Let the last words on a subject be told again."""
-        self._told.pop(subject, None)
 
     def due(self, now_s: float) -> Iterator[Text]:
         """Give what may go now."""
@@ -145,9 +138,9 @@ class PilotDisplay:
             self._tell(sample.verdict, events)
         if any(isinstance(report, PilotHeartbeat) for report in reports):
             if now_s - self._heard_s > AWAY_S:
-                self._texts.forget("state")
-                state, reason = sample.verdict.state, sample.verdict.reason
-                self._put_state(f"{state}: {reason}", STATES[state].severity, sample.verdict.remedy)
+                verdict = sample.verdict
+                words = f"{verdict.state}: {verdict.reason}"
+                self._put_state(words, STATES[verdict.state].severity, verdict.remedy, again=True)
                 self._put_pending(sample)
             self._heard_s = now_s
         for text in self._texts.due(now_s):
@@ -161,10 +154,9 @@ class PilotDisplay:
         """Put what happened. A grave state gives the reason: what begins with it is left out."""
         conditions = [event for event in events if event.kind == "condition"]
         if any(event.kind == "state" and event.severity != "info" for event in events):
-            begun = [event for event in conditions if event.text in REMEDIES]
-            conditions = [event for event in conditions if event.text in ENDED]
-            for cause in begun[:1]:
+            for cause in [event for event in conditions if event.text in REMEDIES][:1]:
                 self._texts.mark(cause.text)
+            conditions = [event for event in conditions if event.text in ENDED]
         for event in conditions:
             self._put_condition(event, steers=verdict.authority > 0.0)
         for event in events:
@@ -172,7 +164,7 @@ class PilotDisplay:
                 self._put_state(event.text, event.severity, verdict.remedy)
             elif event.kind == "command" and event.severity != "info":
                 severity = SEVERITIES[event.severity]
-                self._texts.put_again(_text("command", severity, "command", f": {event.text}"))
+                self._texts.put(_text("command", severity, "command", f": {event.text}"), again=True)
 
     def text(self, severity: int, words: str) -> list[Message]:
         """Return STATUSTEXTs, in chunks with a common id if the words are longer than one.
@@ -195,14 +187,12 @@ class PilotDisplay:
         """Return a text that does not wait."""
         return self.text(mavlink.MAV_SEVERITY_WARNING, f"Holdfast {words}")
 
-    def _put_state(self, words: str, severity: str, remedy: str) -> None:
+    def _put_state(self, words: str, severity: str, remedy: str, *, again: bool = False) -> None:
         """Tell a new state, or a new course."""
-        state, _, _ = words.partition(":")
+        course = words.partition(":")[0] not in STATES
         todo = remedy if severity != "info" else ""
-        if state in STATES:
-            self._texts.put(_text("state", STATE_SEVERITIES[severity], "state", f" {words}", todo))
-        else:
-            self._texts.put_again(_text("course", STATE_SEVERITIES[severity], "state", f" {words}", todo))
+        text = _text("course" if course else "state", STATE_SEVERITIES[severity], "state", f" {words}", todo)
+        self._texts.put(text, again=again or course)
 
     def _put_pending(self, sample: ControlSample) -> None:
         if words := on_engaging(sample.guided.pending):
@@ -216,7 +206,7 @@ class PilotDisplay:
         elif steers and words in REMEDIES:
             self._texts.put(_text(words, severity, "condition", f": {words}", REMEDIES[words]))
         elif steers:
-            self._texts.put_again(_text("condition", severity, "condition", f": {words}"))
+            self._texts.put(_text("condition", severity, "condition", f": {words}"), again=True)
 
 
 def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") -> Text:

@@ -2,40 +2,29 @@
 
 While the engine steers, the pilot's steering does not reach the vehicle by itself: MANUAL_CONTROL and
 RC_CHANNELS_OVERRIDE overwrite each other in ArduSub, and two senders make phantom button presses. It goes to
-the engine, which sends one message for both. So do SET_POSITION_TARGET_LOCAL_NED,
-SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET, which move the setpoint.
-A command to our own component never reaches the vehicle.
-Frames may be MAVLink 1 or 2, signed or not; they keep their
-signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer by us.
+the engine, which sends one message for both. So do the messages that move the setpoint (`pilot.TARGETS`). A
+command to our own component never reaches the vehicle. Frames may be MAVLink 1 or 2, signed or not; they keep
+their signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.mavlink.decode import (
-    attitude_target,
-    global_target,
-    override_deflection,
-    pilot_commands,
-    pilot_sticks,
-    position_target,
-)
-from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, frame_at, leading_frames
-from companion.mavlink.messages import Message
+from companion.mavlink.ardusub import NS_PER_S
+from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, leading_frames
+from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS
+from companion.mavlink.pilot import TARGETS, override_deflection
 from companion.mavlink.signing import Signing
-from companion.records import Event, GlobalOrigin, PilotHeartbeat, PilotInput, Sender
+from companion.records import Sender
 
-NS_PER_S: Final = 1e9
 MAX_DATAGRAM: Final = 1400
-MAX_BYTES_A_TICK: Final = 1 << 14
-MAX_LOOKS_A_TICK: Final = 512
-"""More bytes than this either way in one tick, or more beginnings of frames in them, are a flood. It is
-dropped, and the control goes on."""
+MAX_LOOKS_A_TICK: Final = 2 * MAX_LOOKS
+"""More beginnings of frames either way in one tick, or more than MAX_BYTES, are a flood, and dropped."""
 
 MAX_FRAMES_A_TICK: Final = 64
 """Of the pilot's, for the engine."""
@@ -43,11 +32,6 @@ MAX_FRAMES_A_TICK: Final = 64
 HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-TARGETS: Final[dict[int, Callable[[Message, float, GlobalOrigin | None], Event | None]]] = {
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: position_target,
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: global_target,
-    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: attitude_target,
-}
 COMMAND: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 
 
@@ -55,7 +39,7 @@ class _Budget:
     """What may still pass one way in this tick."""
 
     def __init__(self) -> None:
-        self._bytes, self._looks = MAX_BYTES_A_TICK, MAX_LOOKS_A_TICK
+        self._bytes, self._looks = MAX_BYTES, MAX_LOOKS_A_TICK
 
     def allows(self, data: bytes) -> bool:
         """Take the size of `data` from the remaining budget; tell whether it was enough."""
@@ -162,31 +146,6 @@ def _steers(frame: Frame, vehicle: int) -> bool:
     if frame.id in TARGETS:
         return frame.message().target_system in (0, vehicle)
     return frame.id == OVERRIDE and override_deflection(frame.message()) is not None
-
-
-def pilot_events(heard: Iterable[tuple[int, bytes]], origin: GlobalOrigin | None = None) -> list[Event]:
-    """Convert what `Relay.take` gave; `origin` is the EKF's.
-
-    Never raises for any bytes: what is no frame is no event.
-    """
-    events: list[Event] = []
-    for t_ns, data in heard:
-        frame = frame_at(data, 0)[1] if data else None
-        if frame is None:
-            continue
-        t_s = t_ns / NS_PER_S
-        if frame.id == HEARTBEAT:
-            events.append(PilotHeartbeat(t_s))
-        elif frame.id == MANUAL_CONTROL:
-            events.append(pilot_sticks(frame.message(), t_s))
-        elif frame.id == COMMAND:
-            events += pilot_commands(frame.message(), t_s)
-        elif frame.id in TARGETS:
-            if (target := TARGETS[frame.id](frame.message(), t_s, origin)) is not None:
-                events.append(target)
-        elif frame.id == OVERRIDE:
-            events.append(PilotInput(t_s, override_deflection(frame.message()) or 0.0))
-    return events
 
 
 def _packed(pieces: Iterable[bytes]) -> list[bytes]:

@@ -83,9 +83,7 @@ class Signing:
 
         It is remembered: the same frame is refused next time.
         """
-        if not (
-            len(frame) >= MIN_SIGNED_BYTES and frame[2] & 1 and self._is_new(frame) and self._is_signed(frame)
-        ):
+        if self.sender(frame) is not Sender.EXPECTED:
             return False
         stream, timestamp = _stamp(frame)
         self._seen[stream] = timestamp
@@ -94,16 +92,12 @@ class Signing:
 
     def sender(self, frame: bytes) -> Sender:
         """Tell whether a frame's sender has our key. Nothing is remembered: `accepts` still finds it new."""
-        if not (len(frame) >= MIN_SIGNED_BYTES and frame[2] & 1 and self._is_signed(frame)):
+        signed = len(frame) >= MIN_SIGNED_BYTES and frame[2] & 1
+        if not (signed and hmac.compare_digest(self._signature(frame[:-6]), frame[-6:])):
             return Sender.STRANGER
-        return Sender.EXPECTED if self._is_new(frame) else Sender.BEHIND
-
-    def _is_new(self, frame: bytes) -> bool:
         stream, timestamp = _stamp(frame)
-        return self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS) < timestamp <= LATEST
-
-    def _is_signed(self, frame: bytes) -> bool:
-        return hmac.compare_digest(self._signature(frame[:-6]), frame[-6:])
+        new = self._seen.get(stream, self._timestamp - NEW_STREAM_UNITS) < timestamp <= LATEST
+        return Sender.EXPECTED if new else Sender.BEHIND
 
     def _signature(self, data: bytes) -> bytes:
         return hashlib.sha256(self.key + data).digest()[:6]
@@ -121,22 +115,19 @@ def read_key(path: Path) -> bytes:
     cannot be read or is empty, and for one that others may read; systemd's credentials are for their service
     alone, whatever their mode says (an ACL).
     """
+    key = f"link.signing_key_file = '{path}'"
     try:
-        content = path.read_bytes()
-        mode = path.stat().st_mode
+        content, mode = path.read_bytes(), path.stat().st_mode
     except OSError as error:
-        raise ConfigError(f"link.signing_key_file = '{path}': cannot be read: {error.strerror}") from error
+        raise ConfigError(f"{key}: cannot be read: {error.strerror}") from error
     if mode & 0o077 and str(path.parent) != os.environ.get("CREDENTIALS_DIRECTORY"):
         raise ConfigError(
-            f"link.signing_key_file = '{path}': others can read or change it (its mode is "
-            f"{mode & 0o777:03o}): "
-            f"chmod 600 {path}, and make a new key if somebody else was on this machine"
+            f"{key}: others can read or change it (its mode is {mode & 0o777:03o}): chmod 600 {path}, and "
+            "make a new key if somebody else was on this machine"
         )
     text = content.strip()
     if not text:
-        raise ConfigError(
-            f"link.signing_key_file = '{path}': is empty; put 64 hex digits or a passphrase there"
-        )
+        raise ConfigError(f"{key}: is empty; put 64 hex digits or a passphrase there")
     if len(content) == KEY_BYTES and not content.isascii():
         return content
     if re.fullmatch(rb"[0-9a-fA-F]{64}", text):
@@ -146,7 +137,5 @@ def read_key(path: Path) -> bytes:
 
 def signing_of(config: Config, utc_s: float) -> Signing | None:
     """Return what signs and judges frames; None without a key file."""
-    link = config.link
-    if not link.signing_key_file:
-        return None
-    return Signing(read_key(Path(link.signing_key_file)), link.signing_link_id, utc_s)
+    file = config.link.signing_key_file
+    return Signing(read_key(Path(file)), config.link.signing_link_id, utc_s) if file else None

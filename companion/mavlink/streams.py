@@ -8,6 +8,7 @@ NAMED_VALUE_FLOAT is not among them: ArduSub sends it at 2 Hz and takes no inter
 simulator says to every ground station which message it has refused; that one is not asked for again.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Final
@@ -56,10 +57,28 @@ class _Stream:
         self.rate_hz = rate_hz
         self.window_s = max(WINDOW_S, WINDOW_MESSAGES / rate_hz)
         self.count = 0
-        self.since_s = float("-inf")
+        self.since_s = self.not_before_s = -math.inf
         self.measured_hz: float | None = None
         self.again_s = AGAIN_S[0]
-        self.not_before_s = float("-inf")
+
+    def has_slowed(self, now_s: float, *, may_be_silent: bool) -> bool:
+        """Tell at the end of a window whether it came too seldom, with back-off."""
+        passed_s = now_s - self.since_s
+        if passed_s < self.window_s:
+            return False
+        if self.since_s > -math.inf:
+            self.measured_hz = self.count / passed_s
+        self.since_s, self.count = now_s, 0
+        if self.measured_hz is None:
+            return False
+        if may_be_silent or self.measured_hz >= SLOW_SHARE * self.rate_hz:
+            self.again_s = AGAIN_S[0]
+            return False
+        if now_s < self.not_before_s:
+            return False
+        self.not_before_s = now_s + self.again_s
+        self.again_s = min(2.0 * self.again_s, AGAIN_S[1])
+        return True
 
 
 class Streams:
@@ -72,17 +91,16 @@ class Streams:
     def restart(self) -> None:
         """Ask for everything again: first contact, or a rebooted autopilot."""
         self._streams = {key: _Stream(rate_hz) for key, rate_hz in self._rates_hz.items()}
-        self._ask_s = float("-inf")
+        self._ask_s = -math.inf
 
-    def said(self, text: str) -> None:
+    def read_refusal(self, text: str) -> None:
         """Read a text of the autopilot: a message that it refused is not requested again until `restart`."""
         if refused := REFUSAL.fullmatch(text):
             self._streams.pop(int(refused[1]), None)
 
     def heard(self, message_id: int) -> None:
         """Count one message."""
-        stream = self._streams.get(message_id)
-        if stream is not None:
+        if (stream := self._streams.get(message_id)) is not None:
             stream.count += 1
 
     def due(self, now_s: float) -> dict[int, float]:
@@ -93,7 +111,7 @@ class Streams:
         return {
             key: stream.rate_hz
             for key, stream in self._streams.items()
-            if self._has_slowed(key, stream, now_s) or everything
+            if stream.has_slowed(now_s, may_be_silent=key in MAY_BE_SILENT) or everything
         }
 
     @property
@@ -102,22 +120,3 @@ class Streams:
         return {
             key: stream.measured_hz for key, stream in self._streams.items() if stream.measured_hz is not None
         }
-
-    def _has_slowed(self, key: int, stream: _Stream, now_s: float) -> bool:
-        passed_s = now_s - stream.since_s
-        if passed_s < stream.window_s:
-            return False
-        begun = stream.since_s > float("-inf")
-        if begun:
-            stream.measured_hz = stream.count / passed_s
-        stream.since_s, stream.count = now_s, 0
-        if not begun or stream.measured_hz is None:
-            return False
-        if key in MAY_BE_SILENT or stream.measured_hz >= SLOW_SHARE * stream.rate_hz:
-            stream.again_s = AGAIN_S[0]
-            return False
-        if now_s < stream.not_before_s:
-            return False
-        stream.not_before_s = now_s + stream.again_s
-        stream.again_s = min(2.0 * stream.again_s, AGAIN_S[1])
-        return True

@@ -27,7 +27,7 @@ Timestamp = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
 log = logging.getLogger("holdfast")
 
 
-class Seen(msgspec.Struct, forbid_unknown_fields=True):
+class Stamp(msgspec.Struct, forbid_unknown_fields=True):
     """The last timestamp of one stream on one of our links."""
 
     link: str
@@ -40,7 +40,7 @@ class Content(msgspec.Struct, forbid_unknown_fields=True):
 
     key: str
     timestamp: Timestamp
-    seen: list[Seen]
+    seen: list[Stamp]
 
 
 class TimestampFile:
@@ -53,7 +53,7 @@ class TimestampFile:
         self._path = path
         self._signings = signings
         self._key = next(iter(signings.values())).key_name
-        self._others: list[Seen] = []
+        self._others: list[Stamp] = []
         """Those of other links, which are kept: `holdfast check` has no ground station."""
         self._said = ""
         self._closing = threading.Event()
@@ -100,7 +100,7 @@ class TimestampFile:
             timestamp=_later(max(signing.timestamp for signing in self._signings.values()), ahead),
             seen=self._others
             + [
-                Seen(link, stream, _later(timestamp, ahead))
+                Stamp(link, stream, _later(timestamp, ahead))
                 for link, signing in self._signings.items()
                 for stream, timestamp in signing.seen().items()
             ],

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.mavlink.ardusub import quantise
 from companion.mavlink.autopilot import Autopilot
-from companion.mavlink.decode import pilot_sticks
+from companion.mavlink.pilot import pilot_sticks
 from companion.records import AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.firmware.params import Parameters

@@ -3,13 +3,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.config import LinkSection
 from companion.mavlink.ardusub import manual_control_reach, quantise
 from companion.mavlink.codec import Codec
 from companion.mavlink.encode import Commands
 from companion.records import AxisCommand
 
 COMMANDS = Commands(1, 1)
-CODEC = Codec(255, 191, 1, 1)
+CODEC = Codec(LinkSection())
 HALF_US = 0.5 / 400 + 1e-9
 
 any_command = st.builds(AxisCommand, *[st.floats()] * 6)

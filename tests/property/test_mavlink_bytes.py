@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from mavlink_wire import frame, name
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.config import LinkSection
 from companion.mavlink.codec import Codec
 from companion.mavlink.decode import Decoder
 from companion.mavlink.messages import checksum, pack, unpack
@@ -22,7 +23,7 @@ FRAMES = [
 
 
 def codec(stream):
-    return Codec(255, 191, 1, 1, stream=stream)
+    return Codec(LinkSection(), stream=stream)
 
 
 @st.composite

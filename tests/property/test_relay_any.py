@@ -7,14 +7,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
+from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.frames import frame_at
-from companion.mavlink.relay import (
-    MAX_BYTES_A_TICK,
-    MAX_DATAGRAM,
-    MAX_LOOKS_A_TICK,
-    Relay,
-    pilot_events,
-)
+from companion.mavlink.inbox import MAX_BYTES
+from companion.mavlink.relay import MAX_DATAGRAM, MAX_LOOKS_A_TICK, Relay
 from companion.records import PilotHeartbeat, PilotInput, PilotSticks
 
 ENDPOINTS = {True: "tcp:127.0.0.1:5760", False: "udp-connect:127.0.0.1:14550"}
@@ -30,6 +26,11 @@ def relay(vehicle_is_stream=False, ground_is_stream=False):
             ]
         )
     )
+
+
+def pilot_events(ground):
+    """Return what the engine gets of the pilot's frames."""
+    return Autopilot(load_config()).receive([], ground)
 
 
 def _frame(kind, version, system, signed):
@@ -159,10 +160,10 @@ def test_garbage_never_raises_and_makes_no_pilot(data, ground_is_stream, withhol
 
 def test_a_flood_is_dropped_until_the_next_tick():
     wire = relay()
-    assert wire.to_vehicle(0, bytes(MAX_BYTES_A_TICK)) != ()
+    assert wire.to_vehicle(0, bytes(MAX_BYTES)) != ()
     assert wire.to_vehicle(0, b"more") == ()
     assert wire.left_out == len(b"more")
-    assert wire.to_ground(0, bytes(MAX_BYTES_A_TICK + 1)) == ()
+    assert wire.to_ground(0, bytes(MAX_BYTES + 1)) == ()
     wire.take()
     assert list(wire.to_vehicle(0, b"again")) == [b"again"]
     assert list(wire.to_ground(0, b"again")) == [b"again"]

@@ -12,6 +12,7 @@ from typing import get_args
 import atheris
 
 with atheris.instrument_imports(include=["companion.mavlink"]):
+    from companion.config import LinkSection
     from companion.mavlink.ardusub import DepthSource
     from companion.mavlink.codec import Codec
     from companion.mavlink.decode import Decoder
@@ -36,7 +37,7 @@ def try_one(data: bytes) -> None:
     """Take one input through codec, converter and freshness."""
     source = atheris.FuzzedDataProvider(data)
     stream = source.ConsumeBool()
-    codec = Codec(255, 25, 1, 1, stream=stream)
+    codec = Codec(LinkSection(), stream=stream)
     convert = Decoder(
         codec.counters,
         depth_source=DEPTHS[source.ConsumeIntInRange(0, len(DEPTHS) - 1)],

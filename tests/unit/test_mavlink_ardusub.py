@@ -5,9 +5,10 @@ import pytest
 from mavlink_wire import received, seen
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import manual_control_reach, motor_demand, quantise, unmirrored
-from companion.mavlink.decode import Decoder, pilot_sticks
+from companion.mavlink.ardusub import manual_control_reach, motor_demand, quantise
+from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands
+from companion.mavlink.pilot import pilot_sticks
 from companion.records import (
     Attitude,
     AxisCommand,
@@ -55,11 +56,40 @@ def decoder(counters):
 
 
 def convert(decoder, message, t_s=T):
-    return decoder.to_events(received(message), t_s)
+    return tuple(decoder.to_events(received(message), t_s))
 
 
 def attitude(boot_ms=2500, roll=0.1, yaw=3.0, r=0.03):
     return mavlink.MAVLink_attitude_message(boot_ms, roll, -0.2, yaw, 0.01, 0.02, r)
+
+
+def heartbeat(base_mode, mode, status):
+    return mavlink.MAVLink_heartbeat_message(12, 3, base_mode, mode, status, 3)
+
+
+def sys_status(millivolts):
+    return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, *(0,) * 8)
+
+
+def named(name, value):
+    return mavlink.MAVLink_named_value_float_message(0, name, value)
+
+
+def version(number):
+    none = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(0, number, 0, 0, 0, none, none, none, 0, 0, 1)
+
+
+def local_position(x, vy=-0.25):
+    return mavlink.MAVLink_local_position_ned_message(3000, x, -2.0, 9.0, 0.5, vy, 9.0)
+
+
+def manual_control(*sticks):
+    return mavlink.MAVLink_manual_control_message(1, *sticks, 0)
+
+
+def override(*channels):
+    return mavlink.MAVLink_rc_channels_override_message(1, 1, *channels)
 
 
 def global_position(relative_alt=0, vz=0, boot_ms=2500):
@@ -133,26 +163,65 @@ class TestRanges:
         assert convert(decoder, plain) == ()
 
 
+PARAMETER = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
+
+
 class TestSignsAndScales:
-    def test_heartbeat(self, decoder):
-        beat = mavlink.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3)
-        assert convert(decoder, beat) == (Heartbeat(T, True, Mode.MANUAL, 4),)
-        beat = mavlink.MAVLink_heartbeat_message(12, 3, 81, 0, 3, 3)
-        assert convert(decoder, beat) == (Heartbeat(T, False, Mode.STABILIZE, 3),)
-
-    def test_attitude(self, decoder):
-        (event,) = convert(decoder, attitude())
-        assert isinstance(event, Attitude)
-        assert event.boot_s == 2.5
-        got = (event.roll, event.pitch, event.yaw, event.p, event.q, event.r)
-        assert got == pytest.approx((0.1, -0.2, 3.0, 0.01, 0.02, 0.03))
-
-    def test_altitude_up_is_depth_down(self, decoder):
-        assert convert(decoder, global_position(relative_alt=-5000)) == (Depth(T, 2.5, 5.0),)
-
-    def test_climb_up_is_depth_rate_down(self, decoder):
-        (event,) = convert(decoder, vfr_hud(alt=7.0, climb=-0.3))
-        assert event == DepthRate(T, None, about(0.3))
+    @pytest.mark.parametrize(
+        ("message", "events"),
+        [
+            (heartbeat(209, 19, 4), [Heartbeat(T, True, Mode.MANUAL, 4)]),
+            (heartbeat(81, 0, 3), [Heartbeat(T, False, Mode.STABILIZE, 3)]),
+            (attitude(), [Attitude(T, 2.5, *map(about, (0.1, -0.2, 3.0, 0.01, 0.02, 0.03)))]),
+            (global_position(relative_alt=-5000), [Depth(T, 2.5, 5.0)]),
+            (vfr_hud(alt=7.0, climb=-0.3), [DepthRate(T, None, about(0.3))]),
+            (local_position(1.0), [Position(T, 3.0, 1.0, -2.0, 0.5, -0.25)]),
+            (battery([16000]), [Battery(T, 16.0)]),
+            (battery([4000] * 4), [Battery(T, 16.0)]),
+            (battery([]), []),
+            (battery([0]), []),
+            (battery([5000], key=1), []),
+            (sys_status(15500), [Battery(T, 15.5)]),
+            (sys_status(65535), []),
+            (sys_status(0), []),
+            (named(b"PilotGain", 0.5), [PilotGain(T, 0.5)]),
+            (named(b"InputHold", 1.0), [PilotToggle(T, "InputHold", True)]),
+            (named(b"RollPitch", 0.0), [PilotToggle(T, "RollPitch", False)]),
+            (named(b"Lights1", 1.0), []),
+            (PARAMETER, [Parameter(T, "FS_PILOT_INPUT", 2.0)]),
+            (version(0x04070000), [Firmware(T, "4.7.0 (dev)", (4, 7, 0))]),
+            (version(0x040501FF), [Firmware(T, "4.5.1", (4, 5, 1))]),
+            (version(0x040601C0), [Firmware(T, "4.6.1 (rc)", (4, 6, 1))]),
+            (mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255), [ReceiverChannels(T, 16)]),
+            (mavlink.MAVLink_system_time_message(1, 2), []),
+            *[
+                (manual_control(*sticks), [PilotInput(T, deflection)])
+                for sticks, deflection in [
+                    ((0, 0, 500, 0), 0.0),
+                    ((250, 0, 500, 0), 0.25),
+                    ((0, -1000, 500, 0), 1.0),
+                    ((0, 0, 0, 0), 1.0),
+                    ((0, 0, 750, 0), 0.5),
+                    ((0, 0, 500, -100), 0.1),
+                    ((32767, 0, 500, 0), 1.0),
+                ]
+            ],
+            *[
+                (override(*channels), [PilotInput(T, deflection)])
+                for channels, deflection in [
+                    ((1500,) * 8, 0.0),
+                    ((65535,) * 8, 0.0),
+                    ((0,) * 8, 0.0),
+                    ((1500, 1500, 1300, 1500, 1500, 1500, 1900, 1900), 0.5),
+                    ((1500, 1500, 1500, 2000, 65535, 1500, 0, 0), 1.0),
+                ]
+            ],
+        ],
+        ids=str,
+    )
+    def test_a_message_is_these_events(self, decoder, counters, message, events):
+        assert convert(decoder, message) == tuple(events)
+        assert counters.implausible == 0
 
     def test_depth_of_pressure(self, counters):
         """Of the barometer in the water, against the surface and the water that the autopilot knows."""
@@ -192,55 +261,6 @@ class TestSignsAndScales:
         got = [len(convert(decoder, pressure(ms, 1500.0))) for ms in stamps]
         assert got == [2, 0, 0, 2, 0]
 
-    def test_position(self, decoder):
-        message = mavlink.MAVLink_local_position_ned_message(3000, 1.0, -2.0, 9.0, 0.5, -0.25, 9.0)
-        assert convert(decoder, message) == (Position(T, 3.0, 1.0, -2.0, 0.5, -0.25),)
-
-    def test_battery(self, decoder):
-        assert convert(decoder, battery([16000])) == (Battery(T, 16.0),)
-        assert convert(decoder, battery([4000] * 4)) == (Battery(T, 16.0),)
-        assert convert(decoder, battery([])) == ()
-        assert convert(decoder, battery([0])) == ()
-        assert convert(decoder, battery([5000], key=1)) == ()
-
-    def test_sys_status_voltage(self, decoder):
-        def status(millivolts):
-            return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, *(0,) * 8)
-
-        assert convert(decoder, status(15500)) == (Battery(T, 15.5),)
-        assert convert(decoder, status(65535)) == ()
-        assert convert(decoder, status(0)) == ()
-
-    def test_named_values(self, decoder, counters):
-        def named(name, value):
-            return mavlink.MAVLink_named_value_float_message(0, name, value)
-
-        assert convert(decoder, named(b"PilotGain", 0.5)) == (PilotGain(T, 0.5),)
-        assert convert(decoder, named(b"InputHold", 1.0)) == (PilotToggle(T, "InputHold", True),)
-        assert convert(decoder, named(b"RollPitch", 0.0)) == (PilotToggle(T, "RollPitch", False),)
-        assert convert(decoder, named(b"Lights1", 1.0)) == ()
-        assert convert(decoder, named(b"PilotGain", NAN)) == ()
-        assert counters.implausible == 1
-        assert convert(decoder, named(b"InputHold", NAN)) == ()
-        assert counters.implausible == 2
-
-    def test_parameter(self, decoder):
-        value = mavlink.MAVLink_param_value_message(b"FS_PILOT_INPUT", 2.0, 2, 1370, 7)
-        assert convert(decoder, value) == (Parameter(T, "FS_PILOT_INPUT", 2.0),)
-
-    @pytest.mark.parametrize(
-        ("version", "text"), [(0x04070000, "4.7.0 (dev)"), (0x040501FF, "4.5.1"), (0x040601C0, "4.6.1 (rc)")]
-    )
-    def test_version(self, decoder, version, text):
-        none = [0] * 8
-        message = mavlink.MAVLink_autopilot_version_message(0, version, 0, 0, 0, none, none, none, 0, 0, 1)
-        (event,) = convert(decoder, message)
-        assert event == Firmware(T, text, tuple(version.to_bytes(4, "big")[:3]))
-
-    def test_receiver_channels(self, decoder):
-        message = mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 255)
-        assert convert(decoder, message) == (ReceiverChannels(T, 16),)
-
     def test_the_origin_is_reported_when_it_changes(self, decoder):
         def at(lat, boot_ms):
             return mavlink.MAVLink_global_position_int_message(boot_ms, lat, 0, 0, -1000, 0, 0, 0, 0)
@@ -260,12 +280,20 @@ class TestAbsurdity:
         [
             attitude(yaw=NAN),
             attitude(yaw=INF),
+            attitude(yaw=6.4),
+            attitude(roll=-6.4),
             attitude(r=-1e3),
             global_position(relative_alt=-12_001_000),
             global_position(relative_alt=12_001_000),
             vfr_hud(climb=NAN),
-            mavlink.MAVLink_local_position_ned_message(0, NAN, 0.0, 0.0, 0.0, 0.0, 0.0),
-            mavlink.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 0.0, INF, 0.0),
+            vfr_hud(climb=21.0),
+            vfr_hud(climb=-21.0),
+            local_position(NAN),
+            local_position(0.0, vy=INF),
+            named(b"PilotGain", NAN),
+            named(b"PilotGain", 1.01),
+            named(b"PilotGain", -0.01),
+            named(b"InputHold", NAN),
             mavlink.MAVLink_param_value_message(b"X", NAN, 9, 1, 1),
             mavlink.MAVLink_timesync_message(-5, round(T * 1e9)),
         ],
@@ -274,15 +302,24 @@ class TestAbsurdity:
         assert convert(decoder, message) == ()
         assert counters.implausible == 1
 
+    @pytest.mark.parametrize(
+        "message",
+        [
+            named(b"PilotGain", 1.0),
+            named(b"PilotGain", 0.0),
+            vfr_hud(climb=20.0),
+            vfr_hud(climb=-20.0),
+            attitude(yaw=6.29),
+            attitude(roll=-6.29),
+        ],
+    )
+    def test_the_last_number_is_believed(self, decoder, message):
+        assert len(convert(decoder, message)) == 1
+
     def test_an_absurd_attitude_does_not_move_the_clock(self, decoder):
         convert(decoder, attitude(boot_ms=1000))
         convert(decoder, attitude(boot_ms=2_000_000_000, yaw=NAN))
         assert convert(decoder, servo(1_010_000))[0].boot_s == pytest.approx(1.01)
-
-    def test_messages_without_meaning_are_skipped(self, decoder, counters):
-        assert convert(decoder, mavlink.MAVLink_system_time_message(1, 2)) == ()
-        assert mavlink.MAVLINK_MSG_ID_SYSTEM_TIME not in decoder.ids
-        assert counters.implausible == 0
 
 
 class TestBootClock:
@@ -360,38 +397,6 @@ class TestStatusText:
         assert max(map(len, texts)) <= 400
 
 
-class TestPilotInput:
-    @pytest.mark.parametrize(
-        ("sticks", "deflection"),
-        [
-            ((0, 0, 500, 0), 0.0),
-            ((250, 0, 500, 0), 0.25),
-            ((0, -1000, 500, 0), 1.0),
-            ((0, 0, 0, 0), 1.0),
-            ((0, 0, 750, 0), 0.5),
-            ((0, 0, 500, -100), 0.1),
-            ((32767, 0, 500, 0), 1.0),
-        ],
-    )
-    def test_manual_control(self, decoder, sticks, deflection):
-        message = mavlink.MAVLink_manual_control_message(1, *sticks, 0)
-        assert convert(decoder, message) == (PilotInput(T, deflection),)
-
-    @pytest.mark.parametrize(
-        ("channels", "deflection"),
-        [
-            ((1500,) * 8, 0.0),
-            ((65535,) * 8, 0.0),
-            ((0,) * 8, 0.0),
-            ((1500, 1500, 1300, 1500, 1500, 1500, 1900, 1900), 0.5),
-            ((1500, 1500, 1500, 2000, 65535, 1500, 0, 0), 1.0),
-        ],
-    )
-    def test_override(self, decoder, channels, deflection):
-        message = mavlink.MAVLink_rc_channels_override_message(1, 1, *channels)
-        assert convert(decoder, message) == (PilotInput(T, deflection),)
-
-
 def channels(message):
     return [getattr(message, f"chan{n}_raw") for n in range(1, 19)]
 
@@ -456,10 +461,9 @@ class TestManualControl:
         assert manual_control_reach(gain, 1.0) == AxisCommand()
 
 
-class TestQuantise:
-    @pytest.mark.parametrize("gain", [0.1, 0.25, 0.35, 0.5, 0.62500001, 1.0])
-    def test_neutral_stays_neutral(self, gain):
-        assert quantise(AxisCommand(), "manual_control", gain, 1.0) == AxisCommand()
+@pytest.mark.parametrize("gain", [0.1, 0.25, 0.35, 0.5, 0.62500001, 1.0])
+def test_neutral_stays_neutral(gain):
+    assert quantise(AxisCommand(), "manual_control", gain, 1.0) == AxisCommand()
 
 
 class TestRequests:
@@ -490,10 +494,6 @@ class TestRequests:
     def test_read_parameter(self):
         message = seen(COMMANDS.read_parameter("MOT_1_DIRECTION"))
         assert (message.param_id, message.param_index) == ("MOT_1_DIRECTION", -1)
-
-
-def pilot_gain(gain):
-    return mavlink.MAVLink_named_value_float_message(0, b"PilotGain", gain)
 
 
 def ekf_report(flags, velocity=0.1, depth=0.2, compass=0.3):
@@ -555,37 +555,17 @@ def test_a_leak_is_told_from_other_texts(decoder, text, leak):
     ("pwm_us", "direction", "expected"),
     [(1600, -1.0, 1400), (1600, 1.0, 1600), (1600, 0.0, 1600), (0, -1.0, 0), (1100, -1.0, 1900)],
 )
-def test_a_reversed_motor_is_turned_round_and_an_idle_one_stays_idle(pwm_us, direction, expected):
-    event = unmirrored(ServoOutput(T, 2.5, (pwm_us, 1550)), {"MOT_1_DIRECTION": direction})
-    assert event.pwm_us == (expected, 1550)
+def test_a_reversed_motor_is_turned_round_and_an_idle_one_stays_idle(counters, pwm_us, direction, expected):
+    decoder = Decoder(counters, parameters={"MOT_1_DIRECTION": direction})
+    convert(decoder, attitude(boot_ms=1000))
+    (event,) = convert(decoder, servo(1_000_000, first=pwm_us))
+    assert event.pwm_us == (expected, *range(1501, 1508))
 
 
 def test_the_origin_is_sent_in_ten_millionths_of_a_degree():
     message = seen(COMMANDS.set_origin(47.3977, -8.5456))
     assert (message.latitude, message.longitude) == (473977000, -85456000)
     assert message.target_system == 1
-
-
-@pytest.mark.parametrize(
-    ("message", "events"),
-    [
-        (pilot_gain(1.0), 1),
-        (pilot_gain(1.01), 0),
-        (pilot_gain(0.0), 1),
-        (pilot_gain(-0.01), 0),
-        (vfr_hud(climb=20.0), 1),
-        (vfr_hud(climb=21.0), 0),
-        (vfr_hud(climb=-20.0), 1),
-        (vfr_hud(climb=-21.0), 0),
-        (attitude(yaw=6.29), 1),
-        (attitude(yaw=6.4), 0),
-        (attitude(roll=-6.29), 1),
-        (attitude(roll=-6.4), 0),
-    ],
-)
-def test_the_last_number_that_is_believed(decoder, message, events):
-    """A gain of 1, 20 m/s of climb, a turn."""
-    assert len(convert(decoder, message)) == events
 
 
 def test_the_modes_have_the_firmwares_numbers():

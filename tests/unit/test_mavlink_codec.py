@@ -5,15 +5,16 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.config import LinkSection
 from companion.mavlink import messages
 from companion.mavlink.codec import Codec
-from companion.mavlink.decode import attitude_target, global_target, position_target
 from companion.mavlink.encode import Commands
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
+from companion.mavlink.pilot import attitude_target, global_target, position_target
 from companion.records import GlobalOrigin, Sender
 
 VEHICLE = (1, 1)
-US = (255, 191)
+US = (255, 25)
 PILOT = (255, 190)
 EXPECTED, STRANGER = Sender.EXPECTED, Sender.STRANGER
 FALSE_HEADER = bytes([0xFD, 0xFF, 0, 0, 0, 1, 1, 30, 0, 0])
@@ -36,7 +37,7 @@ def override(target=1):
 
 
 def codec(**options):
-    return Codec(*US, *VEHICLE, **options)
+    return Codec(LinkSection(), **options)
 
 
 def names(messages):
@@ -169,7 +170,7 @@ def position_target_of(frame=1, mask=0x1F8, **numbers):
     message = mavlink.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, frame, mask, **{key: values[key] for key in keys}
     )
-    return position_target(message, 5.0)
+    return next(position_target(message, 5.0), None)
 
 
 def test_a_position_target_says_what_its_mask_leaves_in():
@@ -218,7 +219,7 @@ def test_one_of_three_leaves_out_all_three_as_in_ardusub():
     ],
 )
 def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
-    found = attitude_target(attitude_message(mask, q, thrust), 5.0)
+    found = next(attitude_target(attitude_message(mask, q, thrust), 5.0), None)
     assert found is not None
     np.testing.assert_allclose((*found.angles, found.heading, found.climb), said, atol=1e-6)
 
@@ -234,7 +235,7 @@ def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
     ],
 )
 def test_an_attitude_target_that_cannot_be_followed_is_none(mask, q, thrust):
-    assert attitude_target(attitude_message(mask, q, thrust), 5.0) is None
+    assert next(attitude_target(attitude_message(mask, q, thrust), 5.0), None) is None
 
 
 def attitude_message(mask, q, thrust):
@@ -253,18 +254,17 @@ ORIGIN = GlobalOrigin(0.0, 47.4, 8.55, 400.0)
     ],
 )
 def test_a_global_target_is_a_place_from_the_ekfs_origin(frame, mask, alt, origin, place):
-    found = global_target(global_message(frame, mask, alt), 5.0, origin)
+    found = next(global_target(global_message(frame, mask, alt), 5.0, origin), None)
     assert found is not None
     np.testing.assert_allclose(found.place, (*place, math.nan), atol=0.02)
     assert (found.offset, found.body, found.turns) == (False, False, False)
 
 
 def test_a_global_place_without_an_origin_in_another_frame_or_too_far_is_none():
-    relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
-    assert global_target(global_message(relative, 0xDF8, -3.0), 5.0, None) is None
-    assert global_target(global_message(mavlink.MAV_FRAME_LOCAL_NED, 0xDF8, -3.0), 5.0, ORIGIN) is None
+    relative, local = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_FRAME_LOCAL_NED
     elsewhere = GlobalOrigin(0.0, -20.0, 8.55, 0.0)
-    assert global_target(global_message(relative, 0xDF8, -3.0), 5.0, elsewhere) is None
+    for frame, origin in ((relative, None), (local, ORIGIN), (relative, elsewhere)):
+        assert not list(global_target(global_message(frame, 0xDF8, -3.0), 5.0, origin))
 
 
 def global_message(frame, mask, alt):

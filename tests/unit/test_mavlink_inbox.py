@@ -6,11 +6,12 @@ from hypothesis import strategies as st
 from mavlink_wire import frame
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.config import LinkSection
 from companion.mavlink import frames
 from companion.mavlink.codec import Codec
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS, Inbox
 
-VEHICLE, US = (1, 1), (255, 25)
+VEHICLE = (1, 1)
 
 
 def attitude(boot_ms):
@@ -40,7 +41,7 @@ def test_a_tick_takes_a_bounded_number_of_looks_whatever_comes(monkeypatch, floo
         return frame_at(*at)
 
     monkeypatch.setattr(frames, "frame_at", looked)
-    inbox, link, sent = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), 0
+    inbox, link, sent = Inbox(stream), Codec(LinkSection(), stream=stream), 0
     for _ in range(3):
         for k in range(400):
             data = (flood * (size // len(flood) + 1))[:size]
@@ -70,7 +71,7 @@ def test_what_a_vehicle_says_passes_untouched_in_its_order():
 @pytest.mark.parametrize("stream", [False, True])
 def test_the_newest_gets_through_a_flood(stream):
     """On a stream a false header holds up what is behind it, 0.2 s at most, as without a flood."""
-    inbox, link, heard = Inbox(stream), Codec(*US, *VEHICLE, stream=stream), []
+    inbox, link, heard = Inbox(stream), Codec(LinkSection(), stream=stream), []
     for tick in range(50):
         for _ in range(400):
             inbox.add(tick, (FLOODS["headers"] * 500)[:1400])
@@ -78,14 +79,6 @@ def test_the_newest_gets_through_a_flood(stream):
         heard += [(tick, m.time_boot_ms) for _, data in inbox.take() for m in link.decode(0.02 * tick, data)]
     assert heard[-1][0] == 49
     assert all(tick - said <= 11 for tick, said in heard)
-
-
-def test_junk_that_does_not_fit_leaves_room_for_datagrams_before_it():
-    inbox = Inbox(stream=False)
-    inbox.add(1, ATTITUDE)
-    inbox.add(2, FLOODS["headers"] * (MAX_LOOKS + 1))
-    assert inbox.take() == [(1, ATTITUDE)]
-    assert inbox.left_out == 3 * (MAX_LOOKS + 1)
 
 
 @given(st.lists(st.binary(max_size=60), max_size=30), st.booleans())

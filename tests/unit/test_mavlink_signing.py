@@ -7,7 +7,7 @@ import pytest
 from mavlink_wire import frame
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.config import ConfigError
+from companion.config import ConfigError, LinkSection
 from companion.mavlink.codec import Codec, Packer
 from companion.mavlink.encode import Commands
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing, read_key
@@ -40,7 +40,7 @@ class Vehicle:
 
 
 def codec(signing):
-    return Codec(*US, *VEHICLE, signing=signing)
+    return Codec(LinkSection(), signing=signing)
 
 
 def heartbeat():

@@ -96,10 +96,10 @@ def test_a_stream_that_slows_down_is_asked_for_again_and_the_others_are_not(dive
     dive.sent.clear()
     dive.run(4.0, share=0.25, only=attitude)
     assert set(dive.intervals()) == {attitude}
-    assert dive.upkeep.measured_hz[attitude] == pytest.approx(12.5, abs=1.5)
-    assert dive.upkeep.measured_hz[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(50.0, abs=1.5)
+    assert dive.upkeep.streams.measured_hz[attitude] == pytest.approx(12.5, abs=1.5)
+    assert dive.upkeep.streams.measured_hz[mavlink.MAVLINK_MSG_ID_VFR_HUD] == pytest.approx(50.0, abs=1.5)
     dive.run(3.0)
-    assert dive.upkeep.measured_hz[attitude] == pytest.approx(50.0, abs=1.5)
+    assert dive.upkeep.streams.measured_hz[attitude] == pytest.approx(50.0, abs=1.5)
 
 
 def test_asking_does_not_press(dive):

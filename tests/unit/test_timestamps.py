@@ -5,6 +5,7 @@ import logging
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.config import LinkSection
 from companion.mavlink.codec import Codec
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing
 from companion.mavlink.timestamps import AHEAD, TimestampFile, timestamp_path
@@ -12,7 +13,7 @@ from companion.mavlink.timestamps import AHEAD, TimestampFile, timestamp_path
 KEY = bytes(range(32))
 UTC_S = 1_795_000_000.0
 NOW = round((UTC_S - EPOCH_S) * UNITS_PER_S)
-VEHICLE, US = (1, 1), (255, 25)
+VEHICLE = (1, 1)
 
 
 def signed(timestamp, key=KEY):
@@ -30,7 +31,7 @@ class Process:
         self.file = TimestampFile(path, self.signings)
 
     def believes(self, frame, link="vehicle"):
-        return len(Codec(*US, *VEHICLE, signing=self.signings[link]).decode(0.0, frame)) == 1
+        return len(Codec(LinkSection(), signing=self.signings[link]).decode(0.0, frame)) == 1
 
     def writes(self):
         """As once a second."""
