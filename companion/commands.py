@@ -212,13 +212,13 @@ def check(argv: list[str]) -> int:
     from companion.predive.app import inspect
     from companion.predive.inspection import CONTACT_S
     from companion.predive.table import as_json, from_json, show, worst
-    from companion.telemetry.schemas import check_key
+    from companion.telemetry.schemas import key
 
     with _refusing():
         config = _configuration(arguments)
         refuse_fast_gains(config)
         name, telemetry = config.vehicle.name, config.telemetry
-        answer = None if telemetry.mode == "file" else asked(telemetry.endpoint, check_key(name))
+        answer = None if telemetry.mode == "file" else asked(telemetry.endpoint, key(name, "check"))
         if answer is not None:
             sys.stderr.write(f"`holdfast run` holds the vehicle '{name}' and answers: what it sees now\n")
             if arguments.thrusters or arguments.set_origin is not None:

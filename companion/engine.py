@@ -65,7 +65,7 @@ from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
-from companion.telemetry.conditions import Details
+from companion.telemetry.glossary import Details
 
 MAX_DT_TICKS = 3.0
 REDESIGN_COST = 16

@@ -107,7 +107,7 @@ class Subscription(SessionThread):
 
     def tell(self, vehicle: str, command: str, what: Mapping[str, object]) -> telemetry.Reply:
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
-        answer = self.ask(telemetry.command_key(vehicle, command), msgspec.json.encode(what))
+        answer = self.ask(telemetry.key(vehicle, "command", command), msgspec.json.encode(what))
         if answer is None:
             return telemetry.Reply(
                 done=False, said=f"nobody takes '{command}' for '{vehicle}'{self.others()}"

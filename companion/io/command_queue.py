@@ -55,8 +55,7 @@ from companion.telemetry.commands import (
     named,
     parse,
 )
-from companion.telemetry.conditions import text
-from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging
+from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging, text
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 

@@ -201,14 +201,18 @@ class Publisher(SessionThread):
             if not self._name_checked.is_set() and self._found(self._others(session, instance)):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
-            events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT, counts=not stamps)
+            events = _history(
+                session, *telemetry.published(self._vehicle, "event"), _EVENTS_KEPT, counts=not stamps
+            )
             by_kind: dict[type[telemetry.Schema], zenoh.Publisher] = {
-                telemetry.Plan: _publisher(session, *telemetry.plan_key(self._vehicle)),
+                telemetry.Plan: _publisher(session, *telemetry.published(self._vehicle, "plan")),
             }
-            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True, counts=True)
+            raw = _history(
+                session, *telemetry.published(self._vehicle, "raw"), _RAW_KEPT, recover=True, counts=True
+            )
             with (
                 session.info.declare_transport_events_listener(on_transport),
-                session.liveliness().declare_token(telemetry.alive_key(self._vehicle, instance)),
+                session.liveliness().declare_token(telemetry.key(self._vehicle, "alive", instance)),
             ):
                 if joined and not session.info.transports():
                     lost.set()  # gone before anybody listened for it
@@ -238,7 +242,7 @@ class Publisher(SessionThread):
 
     def _others(self, session: zenoh.Session, instance: str) -> list[str]:
         """Return the instances of companions with our name."""
-        found = session.liveliness().get(telemetry.alive_key(self._vehicle), timeout=_ASK_S)
+        found = session.liveliness().get(telemetry.key(self._vehicle, "alive", "*"), timeout=_ASK_S)
         keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
         return [key.rpartition("/")[2] for key in keys if not key.endswith(f"/{instance}")]
 
@@ -257,7 +261,7 @@ class Publisher(SessionThread):
             if sample.kind == zenoh.SampleKind.PUT and other != instance:
                 self.duplicate_instances.append(other)
 
-        tokens = telemetry.alive_key(self._vehicle)
+        tokens = telemetry.key(self._vehicle, "alive", "*")
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
     def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
@@ -297,23 +301,25 @@ class Publisher(SessionThread):
                 )
             )
 
-        answer(telemetry.config_key(self._vehicle), lambda: self.config, telemetry.CONFIG_ENCODING)
+        answer(telemetry.key(self._vehicle, "config"), lambda: self.config, telemetry.CONFIG_ENCODING)
         answer(
-            telemetry.choices_key(self._vehicle),
+            telemetry.key(self._vehicle, "choices"),
             lambda: msgspec.json.encode(self._choices),
             telemetry.encoding(telemetry.Choices),
         )
         answer(
-            telemetry.check_key(self._vehicle), lambda: self._check_list().encode(), telemetry.CONFIG_ENCODING
+            telemetry.key(self._vehicle, "check"),
+            lambda: self._check_list().encode(),
+            telemetry.CONFIG_ENCODING,
         )
         for key, encoding in (
             *self._keys.items(),
-            telemetry.event_key(self._vehicle),
-            telemetry.plan_key(self._vehicle),
+            telemetry.published(self._vehicle, "event"),
+            telemetry.published(self._vehicle, "plan"),
         ):
             answer_last(key, encoding)
         for name in COMMANDS:
-            session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
+            session.declare_queryable(telemetry.key(self._vehicle, "command", name), on_command)
 
     def _reply(self, query: zenoh.Query, reply: telemetry.Reply) -> None:
         self._mail.append((query, reply))

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
 from companion.supervision.conditions import BLOCKING
 from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
-from companion.telemetry.conditions import NO_DETAILS, Details, text
-from companion.telemetry.glossary import ENGAGE, advised
+from companion.telemetry.glossary import ENGAGE, NO_DETAILS, Details, advised, text
 from companion.telemetry.modes import Mode
 
 C = Condition

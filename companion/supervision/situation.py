@@ -18,7 +18,7 @@ from companion.records import (
     VehicleState,
 )
 from companion.supervision.handover import HandOverStep
-from companion.telemetry.conditions import NO_DETAILS, Details
+from companion.telemetry.glossary import NO_DETAILS, Details
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ from companion.supervision.monitor import Monitor
 from companion.supervision.situation import Observation, Situation
 from companion.supervision.steering_mode import STEERING_MODES
 from companion.supervision.supervisor import StateMachine
-from companion.telemetry.conditions import NO_DETAILS
+from companion.telemetry.glossary import NO_DETAILS
 from companion.telemetry.modes import Mode
 
 DISARM = 2.0

@@ -14,8 +14,7 @@ from functools import cache
 
 from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
-from companion.telemetry.conditions import NO_DETAILS, UNSAID, Details, awaited, detailed
-from companion.telemetry.glossary import STATES
+from companion.telemetry.glossary import NO_DETAILS, STATES, UNSAID, Details, awaited, detailed
 
 C, S = Condition, State
 

@@ -132,8 +132,8 @@ class RecorderThread(SessionThread):
         vehicle = self.vehicle
         every = ticks_per_sample(self._endpoint)
         recorder = DiveRecorder(vehicle, self._limits, about(), ticks_per_sample=every)
-        key, encoding = telemetry.recorder_key(vehicle)
-        remembered = (telemetry.raw_key(vehicle)[0], telemetry.event_key(vehicle)[0])
+        key, encoding = telemetry.published(vehicle, "recorder")
+        remembered = (telemetry.key(vehicle, "raw"), telemetry.key(vehicle, "event"))
 
         def keep(sample: zenoh.Sample) -> None:
             if str(sample.key_expr) not in remembered:
@@ -148,7 +148,7 @@ class RecorderThread(SessionThread):
                 stack.callback(memory.close)
             enter(
                 session.liveliness().declare_subscriber(
-                    telemetry.alive_key(vehicle), self._on_alive, history=True
+                    telemetry.key(vehicle, "alive", "*"), self._on_alive, history=True
                 )
             )
             publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
@@ -163,7 +163,7 @@ class RecorderThread(SessionThread):
                         memory.open()
                 if self._alive.is_set() and now_s >= ask_s:
                     ask_s = now_s + _ASK_S
-                    session.get(telemetry.config_key(vehicle), self._on_config)
+                    session.get(telemetry.key(vehicle, "config"), self._on_config)
                 if now_s >= sync_s:
                     sync_s = now_s + _SYNC_S
                     recorder.each_second(time.time_ns())

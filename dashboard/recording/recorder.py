@@ -79,8 +79,8 @@ class DiveRecorder:
         self._clock = _Clock()
         self._raw_s = -math.inf
         self._events: deque[int] = deque(maxlen=EVENTS_KEPT)
-        self._event_key = telemetry.event_key(vehicle)[0]
-        self._raw_key = telemetry.raw_key(vehicle)[0]
+        self._event_key = telemetry.key(vehicle, "event")
+        self._raw_key = telemetry.key(vehicle, "raw")
         self._own = f"holdfast/{vehicle}/"
         self._channels = _channels(vehicle)
 
@@ -279,7 +279,9 @@ def _channels(vehicle: str) -> frozenset[tuple[str, str]]:
         for tail, schema in telemetry.NOW_AND_THEN.items()
     )
     truth = f"sim/{vehicle}/truth", telemetry.TRUTH_ENCODING
-    return frozenset((*telemetry.keys(vehicle).items(), *now_and_then, telemetry.raw_key(vehicle), truth))
+    return frozenset(
+        (*telemetry.keys(vehicle).items(), *now_and_then, telemetry.published(vehicle, "raw"), truth)
+    )
 
 
 def _unused(directory: Path, vehicle: str, utc_ns: int) -> Path:

@@ -66,7 +66,7 @@ def _replay(file: Path, endpoint: str, ended: threading.Event) -> int:
         if _alive(session, vehicle):
             sys.stderr.write(f"holdfast replay: {vehicle} is alive on {endpoint}: choose another --connect\n")
             return FAILED
-        stack.enter_context(session.liveliness().declare_token(telemetry.alive_key(vehicle, "replay")))
+        stack.enter_context(session.liveliness().declare_token(telemetry.key(vehicle, "alive", "replay")))
         publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         sys.stderr.write(f"playing {file} as {vehicle} on {endpoint}; Ctrl-C ends it\n")
         begun_s, begun_ns = time.monotonic(), -1
@@ -113,5 +113,5 @@ def _join_or_listen(endpoint: str) -> zenoh.Session:
 
 
 def _alive(session: zenoh.Session, vehicle: str) -> bool:
-    replies = session.liveliness().get(telemetry.alive_key(vehicle), timeout=_LIVE_S)
+    replies = session.liveliness().get(telemetry.key(vehicle, "alive", "*"), timeout=_LIVE_S)
     return any(reply.ok is not None for reply in replies)

@@ -10,7 +10,8 @@ from typing import Any
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS, fields
+from companion.telemetry.commands import COMMANDS
+from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
 from dashboard.arguments import add_connect
@@ -95,7 +96,7 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
     """
     try:
         if vehicle is not None:
-            telemetry.command_key(vehicle, command)  # raises ValueError for what can be no name
+            telemetry.key(vehicle, "command", command)  # raises ValueError for what can be no name
         with Subscription("holdfast/*/alive/none", connect) as seen:  # nothing comes there: it only asks
             if not _wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
@@ -166,13 +167,13 @@ def _epilog() -> str:
     for name, kind in COMMANDS.items():
         purpose = (kind.__doc__ or "").partition("\n")[0]
         lines += textwrap.wrap(f"{name:22}  {purpose}", 106, initial_indent="  ", subsequent_indent=" " * 26)
-        taken = "  ".join(f"{field.name}={'|'.join(field.choices)}" for field in fields(kind))
+        taken = "  ".join(f"{name}={'|'.join(field.choices)}" for name, field in fields_of(kind).items())
         lines += textwrap.wrap(taken, 80, initial_indent=" " * 26, subsequent_indent=" " * 26)
     return "\n".join([*lines, EXAMPLES])
 
 
 def _config(seen: Subscription, vehicle: str) -> int:
-    answer = seen.ask(telemetry.config_key(vehicle))
+    answer = seen.ask(telemetry.key(vehicle, "config"))
     if answer is None:
         sys.stderr.write(f"holdfast tell: nobody answers for '{vehicle}'{seen.others()}\n")
         return 1

@@ -16,13 +16,14 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.glossary import (
     ENDPOINT,
     LINK_LOST,
     PAST,
     TO_DO,
+    UNSAID,
     holder,
+    named,
     on_engaging,
     silence,
     title,

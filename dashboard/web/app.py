@@ -131,7 +131,7 @@ class Dashboard:
             task.add_done_callback(self._asking.discard)
 
     async def _read_config(self, vehicle: VehicleHistory) -> None:
-        keys = telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name)
+        keys = telemetry.key(vehicle.name, "config"), telemetry.key(vehicle.name, "choices")
         config, choices = await asyncio.gather(
             *(self._ask(self._telemetry.ask, key, b"", 2.0) for key in keys)
         )
@@ -292,7 +292,7 @@ class Dashboard:
             if self._recorder is None or self._recorder.vehicle != name:
                 return _reply(404, f"this dashboard does not record '{name}': start it with --record DIR")
             return _reply_as(200, await self._ask(self._recorder.switch, wanted.on))
-        key = telemetry.command_key(name, command)
+        key = telemetry.key(name, "command", command)
         answer = await self._ask(self._telemetry.ask, key, msgspec.json.encode(wanted))
         self._config_asked_s.pop(name, None)
         if answer is None:

@@ -3,8 +3,9 @@
 import msgspec
 
 from companion.telemetry import glossary
-from companion.telemetry.commands import COMMANDS, SetRecording, fields
-from companion.telemetry.conditions import ENDED
+from companion.telemetry.commands import COMMANDS, SetRecording
+from companion.telemetry.fields import fields_of
+from companion.telemetry.glossary import ENDED
 from companion.telemetry.modes import MODE_NAMES
 
 ALL_COMMANDS = COMMANDS | {"record": SetRecording}
@@ -20,7 +21,8 @@ def module() -> str:
     ENDED gives, for the words that a condition has ended, those of its beginning. WORDS are the others.
     """
     commands = {
-        name: {field.name: field._asdict() for field in fields(kind)} for name, kind in ALL_COMMANDS.items()
+        name: {field: about._asdict() for field, about in fields_of(kind).items()}
+        for name, kind in ALL_COMMANDS.items()
     }
     tables = {
         "MODES": MODE_NAMES,

@@ -662,7 +662,7 @@ def _network(text: str) -> bool:
 def _config(dive: Dive) -> dict[str, Any]:
     with Subscription("holdfast/kelp/config", dive.zenoh) as seen:
         until(lambda: seen.connected)
-        answer: dict[str, Any] = json.loads(seen.ask(telemetry.config_key("kelp")) or b"{}")
+        answer: dict[str, Any] = json.loads(seen.ask(telemetry.key("kelp", "config")) or b"{}")
         return answer
 
 

@@ -102,7 +102,7 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
 
 def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
     kept = recorder(tmp_path)
-    raw_key, raw_encoding = telemetry.raw_key("kelp")
+    raw_key, raw_encoding = telemetry.published("kelp", "raw")
     raw = telemetry.Raw(tick=1, now_s=12.0, heard=[(2**62, b"\xfe\x00")], out=[], ground=[(-1, b"a")])
     sides = [(raw_key, raw_encoding, msgspec.msgpack.encode(raw)), (raw_key, raw_encoding, b"\x91" * 100_000)]
     count = bad = 0
