@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-import holdfast
 from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations import soak
@@ -87,12 +86,3 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
     assert written["records_lost"] == lost
     assert written["lateness_max_ms"] == 1.0
     assert ("ended" in written["error"]) == dies
-
-
-GONE = ("lab bench process", "lab bench zenoh", "lab bench fleet", "lab bench dashboard", "demo --dvl")
-
-
-@pytest.mark.parametrize("command", GONE)
-def test_what_went_says_what_to_use(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert holdfast.main([*command.split(), "--seconds", "3"]) == 2
-    assert f"holdfast {command} was removed" in capsys.readouterr().err
