@@ -13,11 +13,11 @@ import numpy as np
 from rich.console import RenderableType
 
 from companion.config import load_config
-from lab.batch.stand_in import ENGAGED_S, Links
+from lab.batch.stand_in import Links
 from lab.loop.scenarios import SETTLE_S, hold
 from lab.options import add_count, add_out, add_settings
 from lab.studies.campaign_cases import BLUEROV2, ENVELOPE, VEHICLES, CampaignCase, case, configured, plant
-from lab.study import Row, Study, by, ruled
+from lab.study import Row, Study, by
 
 SINCE_S, DURATION_S = SETTLE_S, SETTLE_S + 40.0
 """Since boot: from when on figures count, and when a dive ends."""
@@ -25,10 +25,9 @@ SINCE_S, DURATION_S = SETTLE_S, SETTLE_S + 40.0
 BATCH = 1000
 """Dives at once at most: fewer cost more of the interpreter's time, more leave workers idle at the end."""
 
-WORST = 3
-"""Dives that are named, inside the envelope and outside."""
+OUTCOMES = ("held", "strays", "lost")
+"""Outcomes."""
 
-RANK = {"lost": 2, "strays": 1, "held": 0}
 HELD_TAIL_MM, HELD_PEAK_MM, HELD_TILT_DEG = 100.0, 500.0, 60.0
 """A dive held if its depth RMS of the last ten seconds, its depth's peak and its tilt stayed below these. Its
 place is told, not judged: with a dead thruster a current may be stronger than those that are left."""
@@ -105,60 +104,36 @@ class Campaign(Study[CampaignCase]):
             yield {"outcome": _outcome(figures)} | figures
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return the outcomes by vehicle and dead thruster, the envelope, and the worst dives."""
-        made = self.summary(rows)
-        table = ruled(
-            f"{len(rows)} dives of {DURATION_S - ENGAGED_S:.0f} s, from engaging on",
-            "vehicle", "dead thruster", "dives", "held", "strays", "lost", "depth RMS mm", "99 % mm",
-            "place RMS mm", "99 % mm", left=2,
-        )  # fmt: skip
-        for line in made["by"]:
-            table.add_row(*("" if value is None else str(value) for value in line.values()))
-        yield table
+        """Return the outcomes, the envelope, and what did not hold inside it."""
+        yield from super().tables(rows)
         yield "[bold]The envelope[/bold], inside which every dive must hold:"
         yield from (f"  · {line}" for line in ENVELOPE)
-        count = made["inside"]["dives"] - made["inside"]["held"]
-        yield f"[red]{count} dives inside it did not hold[/red]" if count else "All dives inside it held."
-        for where, inside in (("inside", True), ("outside", False)):
-            some = [row for row in rows if case_of(row).inside is inside]
-            worst = sorted(some, key=lambda row: (RANK[row["outcome"]], row["depth_rms_mm"]), reverse=True)
-            for row in worst[:WORST]:
-                yield (
-                    f"Among the worst {where}: {case_of(row)}: {row['outcome']}, depth RMS "
-                    f"{row['depth_rms_mm']:.1f} mm, tilt {row['tilt_deg']:.0f}°"
-                )
+        for row in rows:
+            if row["outcome"] != "held" and case_of(row).inside:
+                yield f"[red]{row['outcome']}[/red]: {case_of(row)}"
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a dive inside the envelope did not hold."""
         return any(row["outcome"] != "held" and case_of(row).inside for row in rows)
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return outcomes inside and outside the envelope, and by vehicle and dead thruster."""
-        inside, outside = ([row for row in rows if case_of(row).inside is within] for within in (True, False))
+        """Return outcomes by vehicle and dead thruster, and inside and outside the envelope.
+
+        Depth and place are the median and the 99th percentile of the RMS of dives that held, mm.
+        """
         groups = by([row | {"motor": case_of(row).dead_motor} for row in rows], "vehicle", "motor")
         order = sorted(groups, key=lambda group: (VEHICLES.index(group[0]), group[1]))
-        lines = [
-            *((*group, groups[group]) for group in order),
-            ("inside", "", inside),
-            ("outside", "", outside),
-        ]
-        counted = [{"vehicle": name, "dead": motor, **_counts(some)} for name, motor, some in lines]
-        return {
-            "dives": len(rows),
-            "envelope": ENVELOPE,
-            "inside": _counts(inside),
-            "outside": _counts(outside),
-            "by": counted,
-        }
+        lines = [[*group, *_counts(groups[group])] for group in order]
+        for within, name in ((True, "inside"), (False, "outside")):
+            lines.append([name, "", *_counts([row for row in rows if case_of(row).inside is within])])
+        columns = ["vehicle", "dead thruster", "dives", *OUTCOMES, "depth", "99 %", "place", "99 %"]
+        return {"columns": columns, "rows": lines, "envelope": ENVELOPE}
 
 
-def _counts(rows: Sequence[Row]) -> dict[str, Any]:
-    """Return how many came out how, and the median and the 99th percentile of those that held."""
+def _counts(rows: Sequence[Row]) -> list[str]:
     outcomes = Counter(row["outcome"] for row in rows)
-    counts: dict[str, Any] = {"dives": len(rows)}
-    counts |= {outcome: outcomes[outcome] for outcome in ("held", "strays", "lost")}
+    counts = [str(len(rows)), *(str(outcomes[outcome]) for outcome in OUTCOMES)]
     for key in ("depth_rms_mm", "place_rms_mm"):
         rms = [row[key] for row in rows if row["outcome"] == "held"]
-        for name, share in (("median", 0.5), ("p99", 0.99)):
-            counts[f"held_{key}_{name}"] = round(float(np.quantile(rms, share)), 1) if rms else None
+        counts += [f"{np.quantile(rms, share):.1f}" if rms else "" for share in (0.5, 0.99)]
     return counts

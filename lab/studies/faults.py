@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from itertools import groupby
 from math import isfinite, nan
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import RenderableType
@@ -37,7 +37,7 @@ from lab.studies.breaking import (
     within_s,
 )
 from lab.studies.promises import PromiseBrokenError, promise
-from lab.study import Row, Study, ruled
+from lab.study import Row, Study
 
 AFTER_S = 4.0
 SLACK_S = 3.7
@@ -189,21 +189,7 @@ class FaultDives(Study[FaultDive]):
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
         """Return what became of each kind of fault, and every promise that was not kept."""
-        table = ruled(
-            f"{len(rows)} dives by what broke in them, alone or among others",
-            "fault", "dives", "held on", "let go", "neutral after s, median", "worst", "promises broken",
-        )  # fmt: skip
-        for kind in FAULTS:
-            of_it = [row for row in rows if kind in row["kinds"]]
-            active = [row for row in of_it if row["state"] == "ACTIVE"]
-            held = sum(row["ended"] == "ACTIVE" for row in active)
-            times = sorted(
-                row["neutral_s"] for row in active if row["kinds"] == [kind] and isfinite(row["neutral_s"])
-            )
-            worst = (f"{times[len(times) // 2]:.2f}", f"{times[-1]:.2f}") if times else ("", "")
-            counts = map(str, (len(of_it), held, len(active) - held))
-            table.add_row(kind, *counts, *worst, str(sum(bool(row["broken"]) for row in of_it)))
-        yield table
+        yield from super().tables(rows)
         states = Counter(row["state"] for row in rows)
         yield "Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common())
         bad = [row for row in rows if row["broken"]]
@@ -211,6 +197,29 @@ class FaultDives(Study[FaultDive]):
             faulty = case(row["number"], firmware=self._firmware is not None)
             yield f"[red]{row['broken']}[/red]: {json.dumps(asdict(faulty))}"
         yield f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
+
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return what became of each kind of fault, alone or among others."""
+        lines = []
+        for kind in FAULTS:
+            of_it = [row for row in rows if kind in row["kinds"]]
+            active = [row for row in of_it if row["state"] == "ACTIVE"]
+            held = sum(row["ended"] == "ACTIVE" for row in active)
+            alone = (row["neutral_s"] for row in active if row["kinds"] == [kind])
+            times = sorted(filter(isfinite, alone))
+            worst = (f"{times[len(times) // 2]:.2f}", f"{times[-1]:.2f}") if times else ("", "")
+            broken = sum(bool(row["broken"]) for row in of_it)
+            lines.append([kind, *map(str, (len(of_it), held, len(active) - held)), *worst, str(broken)])
+        columns = [
+            "fault",
+            "dives",
+            "held on",
+            "let go",
+            "neutral after s, median",
+            "worst",
+            "promises broken",
+        ]
+        return {"columns": columns, "rows": lines}
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a promise was broken."""

@@ -8,16 +8,12 @@ bytes.
 
 import argparse
 import math
-import time  # noqa: TID251 - what a step costs
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion import assembly
 from companion.config import Config, load_config
-from companion.core.law import Motion
-from companion.records import Z
 from holdfast import RefusedError
 from lab.loop.scenarios import positioned
 from lab.options import add_bench, seeds_of
@@ -29,9 +25,6 @@ from lab.study import Row, Study, by, known
 
 ROWS = (DEFAULT, "holdfast", "observer", "ppi", "indi", "mpc")
 """Those that were searched in depth and place, and what is shipped."""
-STEPS, ROUNDS = 400, 5
-"""Of a law's step, to measure what it costs."""
-MOTION = Motion(0.01, -0.02, 0.02, 0.0, 28.5, 4.0, 3.0, 6.0, 9.0, 1.0, True)
 
 
 class RivalDive(NamedTuple):
@@ -94,7 +87,7 @@ class Rivals(Study[RivalDive]):
         """Return the table for docs/results.md."""
         columns = (
             *("", "depth, mm", "depth less, %", "place, mm", "place less, %", "tilt, °"),
-            *("chatter in depth, N", "chatter in place, N", "thrust, N", "step, µs"),
+            *("chatter in depth, N", "chatter in place, N", "thrust, N"),
         )
         of_row = {name: some for (name,), some in by(rows, "row").items()}
         lines = [self._line(name, some, of_row.get(DEFAULT, ())) for name, some in of_row.items()]
@@ -119,17 +112,4 @@ class Rivals(Study[RivalDive]):
             *(mean("place_rms_mm"), less("place_rms_mm")),
             f"{max(row['tilt_deg'] for row in some):.0f}",
             *(mean("chatter_n"), mean("place_chatter_n"), mean("thrust_rms_n")),
-            f"{step_us(self._configs[name]):.0f}",
         ]
-
-
-def step_us(config: Config) -> float:
-    """Return what a step of heave's law costs in Python, as on the vehicle: the least mean of ROUNDS, µs."""
-    law = assembly.parameters(config).control.axes[Z].law
-    least = math.inf
-    for _ in range(ROUNDS):
-        state, began_s = law.initial(law.parameters), time.perf_counter()
-        for _ in range(STEPS):
-            state, _terms = law.step(law.parameters, state, MOTION, 0.02)
-        least = min(least, (time.perf_counter() - began_s) / STEPS)
-    return 1e6 * least

@@ -94,8 +94,7 @@ def test_the_command_continues_where_it_stopped(tmp_path, capsys):
         table = list(csv.DictReader(stream))
     assert [int(row["number"]) for row in table] == list(range(6))
     assert [float(row["depth_rms_mm"]) for row in table] == [each["depth_rms_mm"] for each in summary["each"]]
-    assert summary["dives"] == summary["inside"]["dives"] + summary["outside"]["dives"] == 6
+    assert sum(int(line[2]) for line in summary["rows"][:-2]) == 6
     printed = capsys.readouterr().out
     assert "3 of these dives are there already" in " ".join(printed.split())
     assert "The envelope" in printed
-    assert "Among the worst inside: " in printed

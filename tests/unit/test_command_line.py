@@ -67,9 +67,6 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
         (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
         (["follow"], "which FILE?"),
-        (["install", "--apply"], "--apply is no more: it acts at once"),
-        (["install", "--rollback"], "--rollback is no more: pip installs the version before"),
-        (["install", "--wheels", "DIR"], "--wheels is no more: pip install --no-index"),
         (["record", "--tlog"], "--tlog is no more: the ground station writes"),
     ],
 )
@@ -212,18 +209,6 @@ def test_a_reader_that_went_away_ends_it_without_a_word():
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, b"")
-
-
-def test_bash_completes_commands_and_starts_nothing():
-    command = [sys.executable, "-m", "holdfast", "--print-completion", "bash"]
-    script = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    asked = f"""{script}
-        COMP_WORDS=(holdfast reco); COMP_CWORD=1
-        PATH=; _shtab_holdfast; printf "%s\n" "${{COMPREPLY[@]}}"
-    """
-    done = subprocess.run(["bash"], input=asked, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["record"]
-    assert "command not found" not in done.stderr
 
 
 @pytest.mark.parametrize("command", ["check", "sim", "dashboard"])
