@@ -9,7 +9,7 @@ from companion.config import GroundStation, SupervisorLimits
 from companion.records import (
     LEVEL,
     Angles,
-    DofSample,
+    Dofs,
     EkfStatus,
     Event,
     Flags,
@@ -41,7 +41,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """Whether an altitude over the ground is to be kept."""
     doubts_range: bool = False
     """Whether the range did not answer the vehicle's motion."""
-    dofs: DofSample | None = None
+    dofs: Dofs | None = None
     """The last tick's."""
     finite: bool = True
     """Whether the last tick computed finite values."""

@@ -144,7 +144,7 @@ def knobs_of(config: Config, compensator: str) -> dict[str, float]:
         "thrusters.lead_s": config.thrusters.lead_s,
         "delays.gains_bear_s": config.delays.gains_bear_s,
     }
-    if registry.learners(compensator, registry.compensators(config.compensators)):
+    if registry.learner(compensator, registry.compensators(config.compensators)):
         knobs["heave.learning_rate"] = heave.learning_rate
     return knobs
 

@@ -66,7 +66,7 @@ def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None
 def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
     sample = make_sample(voltage_v=math.nan)
     nowhere = (math.nan, math.nan, 5.0, 0.5)
-    sample = replace(sample, dofs=replace(sample.dofs, x=nowhere))
+    sample = replace(sample, dofs=sample.dofs._replace(x=nowhere))
     screen = _screen(_feed(sample))
     assert "battery –" in screen
     assert "0.000 m" not in _rows(screen, "north")[0]
