@@ -36,10 +36,8 @@ class Engagement:
     @property
     def details(self) -> Details:
         """What there is to do about a vehicle that is disarmed, beyond arming it."""
-        if not self._arm:
-            return NO_DETAILS
         todo = "wait: Holdfast arms it" if self._wanted else f"{ENGAGE}: that arms it too"
-        return {C.DISARMED: ("", todo)}
+        return {C.DISARMED: ("", todo)} if self._arm else NO_DETAILS
 
     def refusal(self, request: Request, verdict: Verdict, mode: int, details: Details) -> str:
         """Return why a request is refused and what to do; empty where it is accepted.

@@ -53,7 +53,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """Of PREFLIGHT_FAILURE the rows of `check` that forbid engaging, of LINK_LOST what arrives instead."""
 
 
-class Watched(msgspec.Struct, frozen=True, kw_only=True):
+class Watched(msgspec.Struct, kw_only=True):
     """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
 
     ekf: EkfStatus | None = None
@@ -70,14 +70,13 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     saturated_s: float = 0.0
     off_track_s: float = 0.0
     tilted_s: float = 0.0
+    """Too far from its angle, and from its depth."""
     other_first: bool = False
-    """Whether another Holdfast with our ids was there first, or does not let go."""
     other_came: bool = False
-    """Whether one came later."""
+    """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
     interrupted_s: float = 0.0
     """How long steering was interrupted of late; the time between interruptions takes a part off."""
     unsteady: bool = False
-    """Whether it was interrupted less than a minute ago."""
     innovation_m: float = 0.0
     innovation_deg: float = 0.0
     """Mean absolute innovation: measurement minus prediction."""
@@ -105,6 +104,11 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     ramped_down: bool = False
     engage: bool = False
     """Whether engaging is requested, and confirmed by the autopilot's failsafe."""
+
+    @property
+    def state(self) -> VehicleState:
+        """What is believed of the vehicle."""
+        return self.observed.state
 
 
 def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:
