@@ -10,26 +10,17 @@ from typing import NamedTuple
 from companion.config import SupervisorLimits
 from companion.records import Condition, Request, State, X, Z
 from companion.supervision.handover import HandOverStep
-from companion.supervision.situation import (
-    Situation,
-    interrupted,
-    pilot_failsafe_acts,
-    tilted,
-)
+from companion.supervision.situation import Situation, interrupted, pilot_failsafe_acts, tilted
 
 C, S = Condition, State
 NOTHING = Condition(0)
 
 CLOCK_DOUBT_S = 2.0
 """After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
-
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
-
-
 SAMPLE_S = 0.1
 """Between two values of the slowest source of depth: a silence of the link looks longer by so much."""
-
 MOST_INTERRUPTED = 2.0
 """Interruptions are ridden out until their sum is so many times `link_timeout_s`."""
 
@@ -104,10 +95,8 @@ def _ekf_unhealthy(now: Situation, limits: SupervisorLimits) -> bool:
 
 
 def _innovation_large(now: Situation, limits: SupervisorLimits) -> bool:
-    seen = now.watched
-    return not (
-        seen.innovation_m <= limits.max_innovation_m and seen.innovation_deg <= limits.max_innovation_deg
-    )
+    metres, degrees = now.watched.innovation_m, now.watched.innovation_deg
+    return not (metres <= limits.max_innovation_m and degrees <= limits.max_innovation_deg)
 
 
 def _pilot_lost(now: Situation, _: SupervisorLimits) -> bool:

@@ -13,7 +13,6 @@ C = Condition
 
 BLOCKING_ARMED = BLOCKING & ~C.DISARMED
 """What forbids engaging an armed vehicle."""
-
 CONFIRMS = frozenset({"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT"})
 """Read again on a request to engage: the notice of a change may be lost."""
 

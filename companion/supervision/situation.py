@@ -30,21 +30,16 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     held: Flags
     """The degrees of freedom that are held, or while nothing is those that would be."""
     angles: Angles = LEVEL
-    """At which roll and pitch are held."""
     events: Sequence[Event] = ()
     requests: Sequence[Request] = ()
     awaits_position: bool = False
-    """Whether x and y are wanted, and are not held without a position."""
+    """This and the three next: as guidance has them."""
     offers_position: bool = False
-    """Whether a position came while others are held, and nothing wants x and y."""
     wants_ground: bool = False
-    """Whether an altitude over the ground is to be kept."""
     doubts_range: bool = False
-    """Whether the range did not answer the vehicle's motion."""
     dofs: Dofs | None = None
-    """The last tick's."""
     finite: bool = True
-    """Whether the last tick computed finite values."""
+    """Of the last tick: what it computed, and whether that was finite."""
     misses_motor: bool = False
     """Whether the others cannot do the work of a motor that gives no thrust."""
     full_override: bool = False
@@ -57,7 +52,6 @@ class Watched(msgspec.Struct, kw_only=True):
     """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
 
     ekf: EkfStatus | None = None
-    """The newest report, None before the first."""
     ekf_doubt_s: float = 0.0
     pilot_deflection: float = 0.0
     rebooted: bool = False
@@ -91,15 +85,13 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     observed: Observation
     watched: Watched
     parameters: Mapping[str, float]
-    """The autopilot's."""
     ground_station: GroundStation
     tick_s: float
     mode_right: bool
     """Whether the flight mode is one in which our present state steers or hands over."""
     active: bool = False
-    """Whether we were ACTIVE in the last tick."""
     steered: bool = False
-    """Whether the last tick carried authority."""
+    """Whether the last tick was ACTIVE, and carried authority."""
     hand_over: HandOverStep = HandOverStep.NONE
     ramped_down: bool = False
     engage: bool = False

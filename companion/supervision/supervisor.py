@@ -97,7 +97,7 @@ class StateMachine:
         return max(0.0, self._verdict.authority - dt_s / self.ramp_down_s)
 
     def step(self, conditions: Condition, dt_s: float, details: Details = NO_DETAILS) -> Verdict:
-        """Take one tick's conditions and give the verdict; `details` are what is found of them.
+        """Take one tick's conditions and give the verdict.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else, and while INTERRUPTED.
