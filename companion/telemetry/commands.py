@@ -173,14 +173,6 @@ class SetEstimator(Payload, frozen=True):
     confirm: Confirmed = False
 
 
-class SetRecording(Payload, frozen=True):
-    """Start or stop the recorder of the dashboard, which alone takes this."""
-
-    order = "record"
-
-    on: Annotated[bool, means("true starts a file, false finishes it")]
-
-
 COMMANDS: dict[str, type[Payload]] = {
     "engage": Engage,
     "release": Release,

@@ -260,7 +260,7 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
     start: Annotated[Start | None, field("what the engine was built from, in the first tick")] = None
 
 
-Six = tuple[float, float, float, float, float, float]
+Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
 
 
 class Truth(msgspec.Struct, frozen=True, kw_only=True):
@@ -283,11 +283,14 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True):
     voltage_v: Annotated[float, field("of the battery")]
 
 
+_WORD = msgspec.Meta(extra_json_schema={"type": "string"})
+
+
 class Event(Record, frozen=True, kw_only=True):
     """Something that happened."""
 
-    severity: Annotated[Severity, field("how bad it is")]
-    kind: Annotated[Kind, field("state or condition, an operator's command, the autopilot's words")]
+    severity: Annotated[Severity, _WORD, field("how bad it is")]
+    kind: Annotated[Kind, _WORD, field("state or condition, an operator's command, the autopilot's words")]
     text: Annotated[str, field("what, in words")]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
 import lz4.frame
+import msgspec
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -20,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 from mcap.writer import CompressionType, Writer
 
-from dashboard.recording.json_schema import schema_of
+from companion.telemetry import schemas as telemetry
 from holdfast.files import refuse_endless
 
 CHUNK_BYTES = 48_000
@@ -67,6 +68,20 @@ def is_time(utc_ns: int) -> bool:
 
 class TooManyChannelsError(ValueError):
     """A sample would need one channel too many."""
+
+
+def schema_of(encoding: str) -> tuple[str, bytes] | None:
+    """Return name and JSON Schema of the record of ours that an encoding names; None for another one.
+
+    Foxglove and Lichtblick want an object at the root, and a type in every field.
+    """
+    name = encoding.partition(";")[2]
+    record = getattr(telemetry, name.rpartition(".v")[0].rpartition(".")[2], None)
+    if not (isinstance(record, type) and issubclass(record, msgspec.Struct)):
+        return None
+    _, parts = msgspec.json.schema_components([record])
+    root = parts.pop(record.__name__)
+    return name, msgspec.json.encode(root | ({"$defs": parts} if parts else {}))
 
 
 # --- Writing ----------------------------------------------------------------------------------------------

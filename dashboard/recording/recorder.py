@@ -74,7 +74,6 @@ class DiveRecorder:
         self._file: Recording | None = None
         self._tables: dict[str, Mapping[str, str]] = {}
         self._messages = self._left_out = 0
-        self._ticks_per_sample = ticks_per_sample
         self._losses = Losses(ticks_per_sample)
         self._clock = _Clock()
         self._raw_s = -math.inf
@@ -90,10 +89,8 @@ class DiveRecorder:
         return self._file is not None
 
     def start(self, utc_ns: int) -> bool:
-        """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
-        if self._file is None:
-            self._messages, self._left_out, self._losses = 0, 0, Losses(self._ticks_per_sample)
-            self._open(utc_ns)
+        """Begin a file; tell whether one is open now, and in `said` why not."""
+        self._open(utc_ns)
         return self._file is not None
 
     def stop(self, why: str = "stopped when asked") -> None:
@@ -274,14 +271,8 @@ class _Clock:
 
 def _channels(vehicle: str) -> frozenset[tuple[str, str]]:
     """Return key and encoding of all that a companion and a simulator publish of a vehicle."""
-    now_and_then = (
-        (f"holdfast/{vehicle}/{tail}", telemetry.encoding(schema))
-        for tail, schema in telemetry.NOW_AND_THEN.items()
-    )
     truth = f"sim/{vehicle}/truth", telemetry.TRUTH_ENCODING
-    return frozenset(
-        (*telemetry.keys(vehicle).items(), *now_and_then, telemetry.published(vehicle, "raw"), truth)
-    )
+    return frozenset((*(telemetry.published(vehicle, tail) for tail in telemetry.ENCODINGS), truth))
 
 
 def _unused(directory: Path, vehicle: str, utc_ns: int) -> Path:

@@ -57,16 +57,10 @@ def main(argv: list[str]) -> int:
         "tell", "Sends a command to a vehicle over Zenoh, and prints the answer.", _epilog()
     )
     add_connect(parser)
-    parser.add_argument(
-        "words",
-        nargs="+",
-        metavar="[VEHICLE] COMMAND [KEY=VALUE ...]",
-        help="see the list below; `holdfast watch` shows the names of vehicles",
-    )
+    about = "see the list below; `holdfast watch` shows the names of vehicles"
+    parser.add_argument("words", nargs="+", metavar="[VEHICLE] COMMAND [KEY=VALUE ...]", help=about)
     options = parser.parse_args(argv)
     words: list[str] = options.words
-    if "record" in words[:2]:
-        parser.error("record is no more: `holdfast dashboard --record DIR` has a button")
     vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else None
     command, *fields_given = words
     try:
@@ -79,14 +73,12 @@ def main(argv: list[str]) -> int:
     return send("tell", vehicle, command, what, options.connect)
 
 
-def order(
-    name: str, purpose: str, argv: list[str], command: str, what: Mapping[str, object] | None = None
-) -> int:
+def order(argv: list[str], name: str, purpose: str, command: str, what: Mapping[str, object]) -> int:
     """Run a command of one word, such as `holdfast release`; returns 1 if it was not done."""
     parser = command_parser(name, purpose, ORDER_EXAMPLES.format(name=name))
     add_vehicle(parser)
     options = parser.parse_args(argv)
-    return send(name, options.vehicle, command, what or {}, options.connect)
+    return send(name, options.vehicle, command, what, options.connect)
 
 
 def send(program: str, vehicle: str | None, command: str, what: Mapping[str, object], connect: str) -> int:
@@ -126,25 +118,16 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
 
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
     """Add who is told, and where it is found."""
-    parser.add_argument(
-        "vehicle",
-        nargs="?",
-        metavar="VEHICLE",
-        help="its name, if more than one vehicle is heard",
-    )
+    about = "its name, if more than one vehicle is heard"
+    parser.add_argument("vehicle", nargs="?", metavar="VEHICLE", help=about)
     add_connect(parser)
 
 
 def _only_one(seen: Subscription) -> str:
     """Return the name of the vehicle whose companion runs; raise ValueError if none or several do."""
-    names: set[str] = set()
-
-    def heard() -> bool:
-        names.update(seen.companions())
-        return bool(names)
-
-    if _wait(heard, PATIENCE_S):
-        _wait(lambda: heard() and len(names) > 1, ALONE_S)
+    if _wait(lambda: bool(seen.companions()), PATIENCE_S):
+        _wait(lambda: len(seen.companions()) > 1, ALONE_S)
+    names = seen.companions()
     if len(names) != 1:
         listed = ", ".join(map(printable, sorted(names)[:MOST_NAMED]))
         raise ValueError(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dashboard.arguments import add_connect, listen_address
 from holdfast import files
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 
 SHORTEST_TOKEN = 16
 
@@ -14,7 +14,6 @@ EXAMPLES = """\
 examples:
   holdfast dashboard                            then open http://127.0.0.1:8600/
   holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
-  holdfast dashboard --record dives             and keep what it sees
   holdfast dashboard --connect laptop.json5     on a laptop, by TLS: docs/telemetry.md, "Where"
   holdfast dashboard --listen 0.0.0.0:8600 --host blueos.local
                                                 for others on the network too; by number or by that name
@@ -33,17 +32,13 @@ dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
 
 @dataclass(frozen=True)
 class DashboardOptions:
-    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept.
-
-    `token_file` is where the token was read; None if it was made.
-    """
+    """What the command line says. Without `token` nothing can be sent; without `token_file` it was made."""
 
     host: str
     port: int
     names: tuple[str, ...]
     endpoint: str
     token: str
-    record: Path | None = None
     token_file: Path | None = None
 
 
@@ -77,12 +72,7 @@ def settings(argv: list[str]) -> DashboardOptions:
         type=Path,
         help=f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token",
     )
-    parser.add_argument(
-        "--record",
-        metavar="DIR",
-        type=Path,
-        help="also record the first vehicle to DIR, as `holdfast record` does",
-    )
+    removed_option(parser, "--record", "`holdfast record` is a process of its own")
     options = parser.parse_args(argv)
     host, port = listen_address(options.listen)
     if options.token_file and not options.allow_control:
@@ -90,15 +80,7 @@ def settings(argv: list[str]) -> DashboardOptions:
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
-    return DashboardOptions(
-        host,
-        port,
-        tuple(options.host),
-        options.connect,
-        token,
-        options.record,
-        options.token_file,
-    )
+    return DashboardOptions(host, port, tuple(options.host), options.connect, token, options.token_file)
 
 
 def announcement(options: DashboardOptions, port: int, *, terminal: bool) -> str:

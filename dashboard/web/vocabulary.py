@@ -3,13 +3,10 @@
 import msgspec
 
 from companion.telemetry import glossary
-from companion.telemetry.commands import COMMANDS, SetRecording
+from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import ENDED
 from companion.telemetry.modes import MODE_NAMES
-
-ALL_COMMANDS = COMMANDS | {"record": SetRecording}
-"""What the page may send: to the companion, and to the dashboard's recorder."""
 
 SHARED = ("DEAD_MOTOR", "ELSEWHERE", "LATE", "LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT")
 """Of the glossary, what the page says where the server cannot tell it."""
@@ -22,7 +19,7 @@ def module() -> str:
     """
     commands = {
         name: {field: about._asdict() for field, about in fields_of(kind).items()}
-        for name, kind in ALL_COMMANDS.items()
+        for name, kind in COMMANDS.items()
     }
     tables = {
         "MODES": MODE_NAMES,

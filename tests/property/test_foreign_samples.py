@@ -18,10 +18,10 @@ from dashboard.losses import Losses
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.terminal.feed import Feed
-from dashboard.terminal.watch import picture
+from dashboard.terminal.watch import Look, picture
+from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
-from dashboard.web.fleet import Fleet
+from dashboard.web.fleet import Histories
 from dashboard.zenoh_client import Message
 from sim_bridge.zenoh_link import answer
 
@@ -64,22 +64,21 @@ def wild(genuine: list[Sample]) -> Iterator[list[Sample]]:
 
 
 def test_watch_goes_on(genuine: list[Sample]) -> None:
-    feed = Feed("kelp")
+    fleet = Fleet(Vehicle)
     console = Console(file=StringIO(), width=80)
 
     def take(some: list[Sample]) -> None:
-        feed.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
-        feed.look(1.0, connected=True)
-        console.print(picture([feed], ""))
+        fleet.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
+        console.print(picture(Look(fleet, 1.0)))
 
     for some in wild(genuine):
         take(some)
     take(genuine)
-    assert feed.complete
+    assert fleet.vehicles["kelp"].complete
 
 
 def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
-    fleet = Fleet()
+    fleet = Histories()
 
     def take(some: list[Sample]) -> None:
         truth = '{"t_s":%s,"disturbance":[%s,0,0,0,0,0]}'

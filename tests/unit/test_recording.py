@@ -15,8 +15,16 @@ from mcap.stream_reader import StreamReader
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.json_schema import schema_of
-from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
+from dashboard.recording.mcap_file import (
+    FREE_BYTES,
+    MAGIC,
+    MAX_RATIO,
+    Disk,
+    Item,
+    Reader,
+    Recording,
+    schema_of,
+)
 from dashboard.recording.record import main as record_main
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
