@@ -245,8 +245,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
         "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave "
         "and yaw, and surge and sway where a position is measured. From the motion it finds mass, "
-        "damping, buoyancy, lag, motor start and delay, with a position also inertia and lever of roll "
-        "and pitch, each with its doubt, and writes them as a vehicle file.",
+        "damping, buoyancy, lag, motor start and delay, each with its doubt, and writes a vehicle file.",
         IDENTIFY_EXAMPLES,
     )
     _add_config(parser)

@@ -150,13 +150,11 @@ def faults(argv: list[str]) -> int:
 
 def identify(argv: list[str]) -> int:
     """Measure a vehicle by moving it, or from logs, and write its file."""
-    if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
-        from lab.identify.command import main
-
-        return main(argv)
     from companion.commands import identify as move
-    from lab.identify.outcome import conclude
+    from lab.identify.command import conclude, main
 
+    if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
+        return main(argv)
     return move(argv, lambda table, *others: conclude([table], *others))
 
 
