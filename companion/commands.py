@@ -110,7 +110,7 @@ def run(argv: list[str]) -> int:
         parser.add_argument(option, type=float, metavar=unit, help="to hold; default: the present one")
     arguments = parser.parse_args(argv)
 
-    from companion.app import main
+    from companion import app
     from companion.config import ConfigError
     from companion.io.logs import log_to
     from companion.records import Request, Setpoint
@@ -141,7 +141,7 @@ def run(argv: list[str]) -> int:
         requests = [Request.ENGAGE] if arguments.engage else []
         depth_m, heading_deg = (math.nan if v is None else v for v in (arguments.depth, arguments.heading))
         setpoint = Setpoint((math.nan, math.nan, depth_m, math.radians(heading_deg)))
-        return main(config, setpoint, arm=arguments.arm, requests=requests)
+        return app.run(config, setpoint, arm=arguments.arm, requests=requests)
 
 
 @contextmanager
@@ -260,6 +260,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
     from companion.config import vehicle_of
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
+    from companion.records import Request, Setpoint
 
     log_to(sys.stderr)
     logging.getLogger("holdfast").setLevel(logging.WARNING)
@@ -278,7 +279,8 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
         manoeuvre = Manoeuvre(show)
-        status = app.identify(config, manoeuvre, arm=arguments.arm)
+        here = Setpoint((math.nan,) * 4)
+        status = app.run(config, here, arm=arguments.arm, requests=[Request.ENGAGE], manoeuvre=manoeuvre)
         if manoeuvre.failure or not (manoeuvre.done and manoeuvre.moved):
             why = manoeuvre.failure or "stopped"
             sys.stderr.write(f"holdfast identify: broken off: {why}; nothing was written\n")

@@ -363,10 +363,8 @@ def test_an_impossible_key_is_refused(endpoint: str) -> None:
 def test_an_endpoint_that_can_never_work_is_refused(tmp_path: Path) -> None:
     nonsense = tmp_path / "nonsense.json5"
     nonsense.write_text("{ mode: 'submarine' }")
-    with pytest.raises(ValueError, match=r"telemetry\.endpoint = 'localhost'"):
-        Publisher("kelp", "localhost")
-    for path in (nonsense, tmp_path / "missing.json5"):
-        with pytest.raises(ValueError, match="mode is file"):
+    for path in ("localhost", nonsense, tmp_path / "missing.json5"):
+        with pytest.raises(RefusedError, match=r"telemetry\.endpoint: .*is no Zenoh"):
             Publisher("kelp", str(path), "file")
     with pytest.raises(RefusedError, match="no Zenoh configuration"):
         Subscription("holdfast/**", str(nonsense))

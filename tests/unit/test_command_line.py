@@ -283,7 +283,7 @@ def test_vehicle_means_the_preset_and_name_the_name_in_run_and_sim_alike(capsys,
         plant = load_config(vehicle_file(preset))
         assert load_companion(overrides=[f"vehicle.preset={preset}"]).vehicle.frame == plant.thrusters.frame
     asked: dict[str, Any] = {}
-    monkeypatch.setattr("companion.app.main", lambda config, *rest, **more: asked.update(run=config.vehicle))
+    monkeypatch.setattr("companion.app.run", lambda config, *rest, **more: asked.update(run=config.vehicle))
     monkeypatch.setattr("sim_bridge.app.run", lambda config, seed, settings: asked.update(sim=settings) or 0)
     for command in ("run", "sim"):
         holdfast.main([command, "--vehicle", "bluerov2", "--name", "kelp"])
