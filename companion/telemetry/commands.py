@@ -38,10 +38,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Engage(Payload, frozen=True):
-    """Take control and hold. Refused at once if more is missing than the mode and a permitted arming.
-
-    It is withdrawn after 5 s without success.
-    """
+    """Take control and hold, within 5 s. Refused if more is missing than the mode and a permitted arming."""
 
     order = "engage"
 
@@ -83,9 +80,8 @@ class Goto(Payload, frozen=True):
     """Go to a place in a straight line, and hold it; coordinates that are not given stay.
 
     In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
-    and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`, and a rangefinder
-    that looks down for `altitude_m`, which is kept until a depth is given. `roll_deg` and `pitch_deg` are
-    held until others are given or the vehicle is released; they need a vehicle that can pitch (a Heavy).
+    and down, and the heading clockwise. `x_m` and `y_m` need a position source, `altitude_m`, kept until a
+    depth is given, a rangefinder. `roll_deg` and `pitch_deg` are held until the release; they need a Heavy.
     """
 
     order = "go to"

@@ -37,7 +37,6 @@ MAX_ENCODING_BYTES = 255
 """Zenoh itself ends a process that publishes with a longer one."""
 MAX_CHANNELS = 256
 """In a file: keys, each with its encoding."""
-
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
 MAX_RECORD_BYTES = 1 << 23
@@ -146,7 +145,7 @@ class Recording:
             self._disk.give_up()
             raise
         self._channels: dict[tuple[str, str], int] = {}
-        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._schemas: dict[str, int] = {}
 
     @property
     def size_bytes(self) -> int:
@@ -188,14 +187,12 @@ class Recording:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
             raise TooManyChannelsError(f"of more than {MAX_CHANNELS} keys the others are left out")
         item.key.encode()
-        schema = schema_of(item.encoding)
         encoding = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
         number = 0
-        if schema:
-            number = self._schemas.get(schema) or self._writer.register_schema(
-                schema[0], "jsonschema", schema[1]
-            )
-            self._schemas[schema] = number
+        if schema := schema_of(item.encoding):
+            name, text = schema
+            number = self._schemas.get(name) or self._writer.register_schema(name, "jsonschema", text)
+            self._schemas[name] = number
         channel = self._writer.register_channel(item.key, encoding, number, {"zenoh": item.encoding})
         self._channels[item.key, item.encoding] = channel
         return channel
@@ -208,19 +205,19 @@ class Recording:
 class Reader:
     """A recording, whole or cut. Iterate over its samples, in the order in which they were written.
 
-    What was found on the way stands in the attributes, complete after the last sample: `metadata` by name (of
-    several tables with one name the first), `whole` if the file ends as it should, `broken_chunks` that did
-    not fit their checksum or are larger than a recording has, and `lost_bytes` at the end that nothing could
-    be made of.
-    Raises ValueError for what is no MCAP file at all, and for one of which no sample can be read; OSError for
-    what cannot be read.
+    The attributes are complete after the last sample. Raises ValueError for what is no MCAP file at all, and
+    for one of which no sample can be read; OSError for what cannot be read.
     """
 
     path: Path
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """By name; of several tables with one name the first."""
     whole: bool = False
+    """The file ends as it should."""
     broken_chunks: int = 0
+    """That did not fit their checksum, or are larger than a recording has."""
     lost_bytes: int = 0
+    """At the end, of which nothing could be made."""
     unpacked_bytes: int = 0
 
     def __iter__(self) -> Iterator[Item]:

@@ -29,21 +29,19 @@ from companion.telemetry.glossary import (
 )
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import ENDPOINT, Dof, Event, State, Supervisor, printable
-from dashboard.arguments import add_connect
+from dashboard.arguments import WHERE, add_connect
 from dashboard.vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
-EXAMPLES = """\
+EXAMPLES = f"""\
 examples:
   holdfast watch                                 the vehicles that publish on this machine
-  holdfast watch --connect laptop.json5          a vehicle on the network, by TLS: docs/telemetry.md, "Where"
+  holdfast watch --connect laptop.json5          a vehicle on the network, by TLS
   holdfast watch --name kelp --once              one snapshot of one vehicle
   holdfast watch --once --json                   for scripts
 
-By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS. With a Zenoh
-router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
-tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps and plots.
+{WHERE}`holdfast dashboard` has maps and plots.
 """
 
 PATIENCE_S = 5.0
@@ -53,13 +51,10 @@ _REFRESH_S = 0.125
 _WIDTH = 80
 _EVENTS = 2
 
-_STYLES = {
+_STYLES = dict.fromkeys(("RAMP_DOWN", "HAND_OVER", "PILOT"), "bold black on yellow") | {
     "IDLE": "white on grey23",
     "READY": "black on white",
     "ACTIVE": "bold white on blue",
-    "RAMP_DOWN": "bold black on yellow",
-    "HAND_OVER": "bold black on yellow",
-    "PILOT": "bold black on yellow",
     "FAULT": "bold white on red",
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
@@ -268,11 +263,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--name", default="", metavar="NAME", help="show only this vehicle, wholly")
     add_connect(parser)
-    parser.add_argument(
-        "--once",
-        action="store_true",
-        help=f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s",
-    )
+    once = f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s"
+    parser.add_argument("--once", action="store_true", help=once)
     parser.add_argument("--json", action="store_true", help="the same as JSON: the newest record of each key")
     return parser
 

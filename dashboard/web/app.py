@@ -18,9 +18,8 @@ from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import MAX_BYTES, parse
-from companion.telemetry.glossary import silence
 from companion.telemetry.schemas import Plan
-from dashboard.vehicles import MOST_VEHICLES
+from dashboard.vehicles import MOST_VEHICLES, Vehicle
 from dashboard.web import cockpit, connections, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
@@ -58,6 +57,7 @@ PANELS = {
     "events": "Events",
     "status": "State, and what to do",
 }
+NOBODY = Vehicle("")
 _STATIC = Path(__file__).parent / "static"
 _READ_ONLY = "this dashboard is read-only: it was started without --allow-control"
 
@@ -173,12 +173,9 @@ class Dashboard:
         socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024, timeout=CLOSE_S)
         await socket_.prepare(request)
         connection = _connection(request)
-        connection.is_websocket()
-        transport = request.transport
-        if transport is not None:
-            raw: socket.socket | None = transport.get_extra_info("socket")
-            if raw is not None:
-                raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        connection.stay()
+        if raw := request.get_extra_info("socket"):
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self._browsers[connection] = socket_
         feeding = asyncio.create_task(self._feed(socket_, request.query.get("vehicle", "")))
         try:
@@ -220,22 +217,11 @@ class Dashboard:
             await self._beat.wait()
 
     def _status(self, vehicle: VehicleHistory | None, now_s: float) -> str:
-        return message_text(
-            status={
-                "now_s": now_s,
-                "endpoint": self._settings.endpoint,
-                "silence": self._silence(vehicle),
-                **self._fleet.status(now_s),
-                **(vehicle.status(now_s) if vehicle else {"vehicle": None}),
-            }
-        )
-
-    def _silence(self, vehicle: VehicleHistory | None) -> tuple[str, str]:
-        """Return what to show if the page finds that nothing new comes."""
-        endpoint, connected = self._settings.endpoint, self._telemetry.connected
-        if vehicle is None:
-            return silence("", endpoint, connected=connected)
-        return vehicle.silence(endpoint, connected=connected)
+        """Return what is said of the fleet and the vehicle, and what to show if nothing new comes."""
+        endpoint = self._settings.endpoint
+        status = {"now_s": now_s, "endpoint": endpoint, "vehicles": self._fleet.briefs(now_s)}
+        status["silence"] = (vehicle or NOBODY).silence(endpoint, connected=self._telemetry.connected)
+        return message_text(status=status | (vehicle.status(now_s) if vehicle else {"vehicle": None}))
 
     def _refusal(self, request: web.Request) -> web.Response | None:
         if not self._settings.token:

@@ -97,10 +97,6 @@ class VehicleHistory(Vehicle):
             self.config, self.choices = config, choices
             self.config_version += 1
 
-    def brief(self, now_s: float) -> dict[str, Any]:
-        """Return the vehicle as it stands in a list of several."""
-        return {"name": self.name, "state": self.supervised, "age_s": _finite(self.age_s(now_s))}
-
     def status(self, now_s: float) -> dict[str, Any]:
         """Return what there is to say beside the rows."""
         state, supervisor = self.state, self.supervisor
@@ -170,9 +166,12 @@ class Histories(Fleet[VehicleHistory]):
         """Return the vehicle of this name or, for no name, the first one."""
         return self.vehicles.get(name) if name else next(iter(self.vehicles.values()), None)
 
-    def status(self, now_s: float) -> dict[str, Any]:
-        """Return what there is to say of all."""
-        return {"vehicles": [vehicle.brief(now_s) for vehicle in self.vehicles.values()]}
+    def briefs(self, now_s: float) -> list[dict[str, Any]]:
+        """Return each as it stands in a list of several."""
+        return [
+            {"name": one.name, "state": one.supervised, "age_s": _finite(one.age_s(now_s))}
+            for one in self.vehicles.values()
+        ]
 
 
 def _known(record: Schema, names: tuple[str, ...]) -> dict[str, Any]:

@@ -4,23 +4,20 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from dashboard.arguments import add_connect, listen_address
+from dashboard.arguments import WHERE, add_connect, listen_address
 from holdfast import files
 from holdfast.arguments import command_parser, removed_option
 
 SHORTEST_TOKEN = 16
 
-EXAMPLES = """\
+EXAMPLES = f"""\
 examples:
   holdfast dashboard                            then open http://127.0.0.1:8600/
   holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
-  holdfast dashboard --connect laptop.json5     on a laptop, by TLS: docs/telemetry.md, "Where"
+  holdfast dashboard --connect laptop.json5     on a laptop, by TLS
   holdfast dashboard --listen 0.0.0.0:8600 --host blueos.local
                                                 for others on the network too; by number or by that name
-By default a companion listens on its own machine alone: run the dashboard there, or open it to a laptop by
-TLS. With a Zenoh router on the vehicle and telemetry.mode = "client" in the companion's configuration,
---connect tcp/192.168.2.2:7447 reaches it too, without encryption.
-
+{WHERE}
 It opens with the pilot's view; /engineer has plots and gains. It needs no internet. Press ? there for the
 keys. Each panel also stands alone, as /panel/depth; Cockpit finds them as widgets by /register_service.
 
@@ -49,29 +46,15 @@ def settings(argv: list[str]) -> DashboardOptions:
         "Serves a web page for pilots and control engineers: every vehicle that publishes over Zenoh, live.",
         EXAMPLES,
     )
-    parser.add_argument(
-        "--listen",
-        metavar="HOST:PORT",
-        default="127.0.0.1:8600",
-        help="address of the page (default %(default)s: this machine only)",
-    )
-    parser.add_argument(
-        "--host",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="a host name that browsers may use, besides numbers and localhost; may be repeated",
-    )
+    add = parser.add_argument
+    address = "address of the page (default %(default)s: this machine only)"
+    add("--listen", metavar="HOST:PORT", default="127.0.0.1:8600", help=address)
+    names = "a host name that browsers may use, besides numbers and localhost; may be repeated"
+    add("--host", metavar="NAME", action="append", default=[], help=names)
     add_connect(parser)
-    parser.add_argument(
-        "--allow-control", action="store_true", help="accept commands from users with the token"
-    )
-    parser.add_argument(
-        "--token-file",
-        metavar="FILE",
-        type=Path,
-        help=f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token",
-    )
+    add("--allow-control", action="store_true", help="accept commands from users with the token")
+    token = f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token"
+    add("--token-file", metavar="FILE", type=Path, help=token)
     removed_option(parser, "--record", "`holdfast record` is a process of its own")
     options = parser.parse_args(argv)
     host, port = listen_address(options.listen)

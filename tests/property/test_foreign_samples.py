@@ -14,10 +14,9 @@ from rich.console import Console
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.losses import Losses
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
-from dashboard.recording.recorder import DiveRecorder, FileLimits
+from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
 from dashboard.terminal.watch import Look, picture
 from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
@@ -91,7 +90,7 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
         take(genuine)
         vehicle = fleet.vehicles["kelp"]
         message_text(
-            status={**fleet.status(1.0), **vehicle.status(1.0)},
+            status={"vehicles": fleet.briefs(1.0), **vehicle.status(1.0)},
             events=vehicle.events_from(0),
             plan=vehicle.plan,
         )

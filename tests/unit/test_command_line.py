@@ -67,7 +67,6 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
         (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
         (["follow"], "which FILE?"),
-        (["record", "--tlog"], "--tlog is no more: the ground station writes"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments, says, capsys):
