@@ -8,10 +8,11 @@ import math
 from typing import NamedTuple
 
 from companion.core import actuation, controller, levelling, observers, thruster_watch
-from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilting
+from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilt
 from companion.core.allocation import ByAxis
 from companion.core.axis import Ahead, Orders
 from companion.core.controller import Control, ControlMemory, Samples
+from companion.core.levelling import Response
 from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
@@ -48,7 +49,7 @@ class Known(NamedTuple):
     inputs: Inputs
     motion: Motion
     ahead: Ahead
-    tilt: Tilting
+    tilt: Tilt
     model: VehicleModel
     dead_motor: int
 
@@ -143,7 +144,7 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     given_ned = to_inertial(jacobian(demand.known.ahead.eta[PSI]), given)
     watch, ticks = memory.watch, memory.watch_ticks
     if parameters.actuation.levels:
-        pushed = levers(parameters.actuation, actuated, tilt.adapts)
+        pushed = levers(parameters.actuation, actuated, tilt.response.adapts)
         watch, ticks = watched(parameters, watch, ticks, inputs, demand.permission, applied, pushed)
     return Memory(
         observed=observers.sent(memory.observed, inputs.now_s, given_ned),
@@ -177,17 +178,20 @@ def known_of(
         later_s=model.dof_later_s,
         longest_lag_s=model.longest_lag_s,
     )
-    tilt = Tilting(
+    response = Response(
+        delay_s=delay_s + model.dof_later_s[Z],
+        gain=levelling_gain(model) if adapts else 1.0,
+        lag_s=model.lag_s[Z],
+        adapts=adapts,
+    )
+    tilt = Tilt(
         roll=roll,
         pitch=pitch,
         p=p if turns else 0.0,
         q=q if turns else 0.0,
         turn_radps=motion.eta_dot_ahead[PSI],
         voltage_v=inputs.voltage_v,
-        delay_s=delay_s + model.dof_later_s[Z],
-        gain=levelling_gain(model) if adapts else 1.0,
-        lag_s=model.lag_s[Z],
-        adapts=adapts,
+        response=response,
     )
     return Known(inputs, motion, ahead, tilt, model, dead_motor)
 
