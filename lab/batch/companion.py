@@ -7,12 +7,58 @@ What differs from the full loop stands here and nowhere else:
 """
 
 import math
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from companion import assembly
+from companion.config import Config
 from companion.core.observers import Inputs, Measured
+from companion.core.tick import Parameters
 from companion.records import PSI, Axes, Vector, X, Z
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
-NOTHING: Vector = (0.0, 0.0, 0.0, 0.0)
+ROWS = 8
+"""A tuple of so many tuples is a table: it becomes an array, for numba takes each number for a parameter."""
+
+
+class Companion(NamedTuple):
+    """A dive's companion."""
+
+    parameters: Parameters
+    reach: Axes
+    slew: float
+    """Change of a demand in a tick, at most."""
+    lead_s: float
+
+
+def companion_of(config: Config) -> Companion:
+    """Return a configured companion.
+
+    Raises ValueError for what only the full loop can do.
+    """
+    if config.vehicle.thrust_path != "rc_override":
+        raise ValueError("a batch steers by rc_override: set vehicle.thrust_path")
+    if abs(1.0 / config.loop.rate_hz - TICK_S) > 1e-9:
+        raise ValueError(f"a batch ticks as the autopilot's input loop does, in {TICK_S} s")
+    limits = config.thrusters
+    tilts = config.levelling.max_axis if config.levels else 0.0
+    return Companion(
+        parameters=as_arguments(assembly.parameters(config)),
+        reach=(*(limits.max_axis,) * 4, *(tilts,) * 2),
+        slew=limits.max_slew_per_s * TICK_S,
+        lead_s=limits.lead_s,
+    )
+
+
+def as_arguments(value: Any) -> Any:
+    """Return a tree of (named) tuples and numbers with arrays for its tables."""
+    if not isinstance(value, (tuple, list)):
+        return value
+    if len(value) >= ROWS and not hasattr(value, "_fields"):
+        return np.array(value, dtype=float)
+    parts = [as_arguments(part) for part in value]
+    return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
 
 
 def inputs(

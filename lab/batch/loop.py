@@ -1,22 +1,21 @@
 """One dive without MAVLink, from its engagement to its end: vehicle and companion by turns, compiled.
 
 A tick: the command of the tick before leaves, the vehicle goes on by four steps, the companion takes in what
-its telemetry reports and makes the next command by the core's tick. `built` is a slot (`settings`).
+its telemetry reports and makes the next command by the core's tick.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.core.actuation import NO_AXES, NONE
 from companion.core.bounds import clamped, wrap
 from companion.core.permission import Permission, Wanted
-from companion.core.tick import Parameters, confirm, control, observe, start
+from companion.core.tick import confirm, control, observe, start
 from companion.records import LEVEL, ZERO, Array, Axes, Setpoint, X, Y, Z
 from companion.supervision.guard import bounded
-from lab.batch.companion import inputs, on_the_wire
-from lab.batch.settings import Companion
+from lab.batch.companion import Companion, inputs, on_the_wire
 from lab.batch.stand_in import (
     ENGAGED_S,
     STEPS,
@@ -57,11 +56,6 @@ class Figures(NamedTuple):
     lost_s: float
 
 
-def built(numbers: Any) -> Parameters:
-    """Make a companion's parameters of its numbers."""
-    raise NotImplementedError
-
-
 def dive(
     vehicle: Vehicle,
     drawn: Drawn,
@@ -86,7 +80,7 @@ def dive(
 
     """
     ticks = len(targets)
-    parameters = built(companion.parameters)
+    parameters = companion.parameters
     memory = start(parameters)
     afloat = begun(vehicle, drawn)
     first = read(vehicle, afloat.past, 0, afloat.slow, drawn.normals, 0)

@@ -11,9 +11,9 @@ import numpy as np
 
 from companion.config import Config
 from companion.records import Array, Setpoint
-from lab.batch.compiled import cached, slotted
+from lab.batch.companion import companion_of
+from lab.batch.compiled import cached, is_ours
 from lab.batch.loop import Figures, dive
-from lab.batch.settings import companion_of
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
@@ -64,16 +64,14 @@ def simulate(
         np.broadcast_to(delay_s, len(plants))
         for delay_s in (links.up_s, links.down_s, links.jitter_s, links.untold_up_s, links.untold_down_s)
     ]
-    companions = {}
-    for settings in {id(settings): settings for settings in configs}.values():
-        numbers, built = companion_of(settings)
-        companions[id(settings)] = cached(slotted(dive, built=built)), numbers
+    companions = {id(settings): companion_of(settings) for settings in configs}
     figures = []
     for i, (settings, plant, seed) in enumerate(zip(configs, plants, seeds, strict=True)):
         refuse(plant)
         at = timing(seed, *(float(values[i]) for values in delays))
         trace = np.zeros((0 if traces is None else ticks, 2))
-        loop, companion = companions[id(settings)]
+        companion = companions[id(settings)]
+        loop = cached(dive, keeps=is_ours(companion.parameters))
         water, aim = drawn(plant, seed, ticks), wanted[targets[i]]
         figures.append(loop(vehicle_of(plant, at), water, companion, at, aim, since, tail, trace))
         if traces is not None:

@@ -26,7 +26,7 @@ from companion.core import integrator, network
 from companion.core.compensator import Inputs, Signals
 from companion.core.law import rov_law
 from companion.records import Array
-from lab.batch.compiled import cached, slotted
+from lab.batch.compiled import cached
 
 MASS_KG = 50.0
 DAMPING = 250.0  # N s²/m²
@@ -103,7 +103,7 @@ def dive(case: PaperCase) -> tuple[Trace, Trace]:
     """Simulate a case from each of STARTS_M."""
     m_hat = case.mass_ratio * MASS_KG
     estimate, parameters, memory = _compensator(case.compensator, case.seed)
-    loop = cached(slotted(_dive, estimated=estimate))
+    loop = cached(_dive)
     traces = []
     t_s: Array = TICK_S * np.arange(DURATION_S * 1000 // TICK_MS, dtype=np.float64)
     z_d = 0.5 * (1.0 - np.cos(SWING * t_s))
@@ -112,7 +112,9 @@ def dive(case: PaperCase) -> tuple[Trace, Trace]:
         # −κε is −m̂ κ' ε with κ' = κ/m̂.
         kappa = KAPPA / m_hat if case.law == "printed" else KAPPA
         model = (m_hat, case.damping_ratio * DAMPING, kappa, case.wait_s)
-        loop(parameters, memory.copy(), *model, start_m, *_water(case.disturbance, case.seed), found)
+        loop(
+            estimate, parameters, memory.copy(), *model, start_m, *_water(case.disturbance, case.seed), found
+        )
         traces.append(Trace(t_s, z_d, *found))
     return traces[0], traces[1]
 
@@ -152,6 +154,7 @@ def _water(disturbance: str, seed: int) -> tuple[Array, Array]:
 
 
 def _dive(
+    estimated: Callable[[Any, Array, Inputs, float, bool], float],
     parameters: Any,
     memory: Array,
     m_hat: float,
@@ -163,7 +166,10 @@ def _dive(
     current: Array,
     found: Array,
 ) -> None:
-    """Write e, ė and τ of every tick to the rows of `found`; `memory` is what the compensator learns."""
+    """Write e, ė and τ of every tick to the rows of `found`.
+
+    `estimated` is one of the three below; `memory` is what it learns.
+    """
     w = 0.0
     for tick in range(found.shape[1]):
         t_s = tick * TICK_S
@@ -192,11 +198,6 @@ def _acceleration(w: float, push: float, current: float) -> float:
     """Return z̈ of the plant; `push` is τ − d."""
     relative = w - current
     return (push - DAMPING * relative * abs(relative)) / MASS_KG
-
-
-def estimated(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:
-    """Return d̂, having learnt for a tick: a slot for one of the three below."""
-    raise NotImplementedError
 
 
 def by_nothing(parameters: Any, memory: Array, theta: Inputs, eps: float, adapt: bool) -> float:

@@ -1,6 +1,6 @@
 """The live engine's core and the lab's, which is compiled, give the same numbers, to the last bit."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.core.tick import Known, Memory, Parameters, confirm, control, observe, start
 from companion.records import PSI, Array, Axes, X, Z
-from lab.batch.compiled import cached, slotted
-from lab.batch.settings import numbers_of
+from lab.batch.companion import as_arguments
+from lab.batch.compiled import cached
 
 pytestmark = [
     pytest.mark.compiles,
@@ -32,13 +32,7 @@ class Given(NamedTuple):
     held: ByAxis
 
 
-def built(numbers: Any) -> Parameters:
-    """A slot."""
-    raise NotImplementedError
-
-
-def dived(numbers: Any, ticks: list[Given], found: Array) -> None:
-    parameters = built(numbers)
+def dived(parameters: Parameters, ticks: list[Given], found: Array) -> None:
     memory = start(parameters)
     for i in range(len(ticks)):
         given = ticks[i]
@@ -94,9 +88,8 @@ def test_a_live_dive_is_the_compiled_one(monkeypatch):
     dive.run(3.0)
     assert dive.engine.target[0] > 2.0, "the resets were not seen"
 
-    numbers, made = numbers_of(dive.engine.parameters)
     again = np.zeros((len(ticks), 31))
-    cached(slotted(dived, built=made))(numbers, ticks, again)
+    cached(dived)(as_arguments(dive.engine.parameters), ticks, again)
     live = np.array(found)
     different = np.flatnonzero((live != again).any(axis=1))
     assert not len(different), (different[0], live[different[0]], again[different[0]])

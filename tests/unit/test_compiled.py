@@ -4,6 +4,7 @@ import ast
 import inspect
 import math
 import textwrap
+from collections.abc import Callable
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
@@ -15,7 +16,7 @@ from companion.core import bounds as subject_of_modules
 from companion.core import integrator, regressor
 from companion.core.tick import confirm, control, observe
 from lab.batch import compiled as subject
-from lab.batch.compiled import cached, compiled, digest, slotted
+from lab.batch.compiled import cached, compiled, digest
 from sim_bridge.firmware import depth_hold, mixer
 from sim_bridge.physics import body, plant, thrusters
 
@@ -82,30 +83,20 @@ def halved(x: float) -> float:
     return 0.5 * x
 
 
-def change(x: float) -> float:
-    """A slot."""
-    raise NotImplementedError
-
-
-def changed_twice(x: float) -> float:
+def twice(change: Callable[[float], float], x: float) -> float:
     return change(change(x)) + subject_of_modules.wrap(0.0)
 
 
-def test_slots_decide_what_is_called():
-    for chosen, expected in ((doubled, 12.0), (halved, 0.75), (slotted(changed_twice, change=doubled), 48.0)):
-        assert cached(slotted(changed_twice, change=chosen))(3.0) == expected
-
-
-def test_compiled_code_is_taken_from_disk(monkeypatch, tmp_path):
+def test_compiled_code_is_taken_from_disk_for_the_functions_that_it_is_given(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(subject, "PACKAGES", (*subject.PACKAGES, __name__.partition(".")[0]))
     subject.cache_folder.cache_clear()
     for hits in (0, 1):
         cached.cache_clear()
         for chosen, expected in ((doubled, 12.0), (halved, 0.75)):
-            call: Any = cached(slotted(changed_twice, change=chosen))
-            assert call(3.0) == expected
-            assert sum(call.stats.cache_hits.values()) == hits
+            call = cached(twice)
+            assert call(chosen, 3.0) == expected
+        assert sum(call.stats.cache_hits.values()) == 2 * hits
     subject.cache_folder.cache_clear()
     cached.cache_clear()
 

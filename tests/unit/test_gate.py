@@ -32,7 +32,8 @@ def refusing():
     raise ValueError("is no dive")
 
 
-def talking():
+def talking(progress):
+    progress(0.5)
     sys.stdout.write("DFFormat: unsupported\n")
     return "read"
 
@@ -53,8 +54,10 @@ def test_it_is_refused_in_words(reader, says, monkeypatch):
         gate.bounded(reader, [])
 
 
-def test_what_is_read_comes_back_without_a_librarys_words(capfd):
-    assert gate.bounded(talking, []) == "read"
+def test_what_is_read_comes_back_with_its_progress_and_without_a_librarys_words(capfd):
+    shares: list[float] = []
+    assert gate.bounded(talking, [], progress=shares.append) == "read"
+    assert shares == [0.5]
     assert capfd.readouterr().out == ""
 
 

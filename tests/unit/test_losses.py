@@ -9,7 +9,8 @@ from msgspec.structs import replace
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
+from dashboard.losses import Losses
+from dashboard.recording.recorder import DiveRecorder, FileLimits
 
 MakeSample = Callable[..., ControlSample]
 KEYS = len(telemetry.EVERY_TICK)

@@ -34,6 +34,7 @@ export class Commands extends EventTarget {
     on("hold", () => this.send("path", { action: "hold" }));
     on("wait", () => this.send("path", { action: $("wait").textContent === "Go on" ? "resume" : "pause" }));
     on("go", () => this.openGoto());
+    on("record", () => this.send("record", { on: !this.status?.recorder?.recording }));
     on("said", () => this.tell(""));
     $("unlocking").addEventListener("submit", (event) => { event.preventDefault(); this.unlock($("token").value.trim()); });
     this.buildGoto();
@@ -53,8 +54,9 @@ export class Commands extends EventTarget {
   }
 
   // The server may be another one than before, with another token.
-  hello({ control }) {
+  hello({ control, records }) {
     this.allowed = control;
+    this.records = records;
     if (control && this.token) this.unlock(this.token);
     else this.lock();
   }
@@ -67,7 +69,7 @@ export class Commands extends EventTarget {
   refresh() {
     const { status } = this;
     const open = this.open && !this.silent;
-    const { guidance, supervisor } = status ?? {};
+    const { guidance, recorder, supervisor } = status ?? {};
     const state = supervisor?.state;
     const paused = guidance === "paused" || (guidance === "hold" && status.path_left_m !== 0);
     mark($("commands"), "lock", !this.allowed ? "read-only" : this.open ? "open" : "locked");
@@ -83,6 +85,9 @@ export class Commands extends EventTarget {
     $("go").disabled = !open || !state;
     $("wait").disabled = !open || !(paused || GUIDED.includes(guidance));
     say($("wait"), paused ? "Go on" : "Pause");
+    $("record").disabled = !open || !recorder || !this.records;
+    say($("record"), recorder?.recording ? "■ Stop recording" : (recorder && this.records) || !status ? "● Record" : "● Record: needs --record");
+    $("record").title = this.records ? "" : "this dashboard does not record: start it with --record DIR";
     this.dispatchEvent(new Event("change"));
   }
 
