@@ -18,7 +18,6 @@ NOT_DIVED = (
     *(f"companion/telemetry/{name}.py" for name in ("session", "status_line", "words")),
     "sim_bridge/app.py",
     "sim_bridge/commands.py",
-    "sim_bridge/status.py",
     "sim_bridge/zenoh_link.py",
 )
 """Of PROGRAMS what no study runs, and what only tells: how a dive goes does not depend on it."""

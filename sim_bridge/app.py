@@ -8,22 +8,17 @@ import contextlib
 import errno
 import itertools
 import logging
-import shutil
 import signal
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import cast
-
-from msgspec.structs import replace
 
 from holdfast import port_taken
 from sim_bridge.config import SimConfig
-from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
-from sim_bridge.status import status_line
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 from sim_bridge.zenoh_link import ZenohLink
 
@@ -39,8 +34,6 @@ MAX_INBOX = 4096
 SILENT_S = 10.0
 """A UDP peer that was not heard for so long makes room when another calls."""
 TRUTH_PERIOD_STEPS = 4
-STATUS_PERIOD_S = 0.5
-CLEAR_LINE = "\r\x1b[K"
 UNKNOWN_MODE = -1
 """In the truth of `--physics-only`: the firmware does not tell its physics the mode."""
 
@@ -58,8 +51,6 @@ class Settings:
     speed: float
     physics: Endpoint | None = None
     """Where the real firmware sends its frames; then there is no vehicle of ours, and no other endpoint."""
-    live_faults: bool = False
-    """Whether everybody on Zenoh may break the vehicle."""
 
 
 class Links:
@@ -113,12 +104,12 @@ class _Udp(asyncio.DatagramProtocol):
 class _UdpCaller(_Udp):
     """Calls one peer, as a BlueROV2 calls its topside computer, and hears whoever answers on that socket."""
 
-    def __init__(self, links: Links, name: str) -> None:
-        self._links, self._name = links, name
+    def __init__(self, links: Links, endpoint: Endpoint) -> None:
+        self._links, self._name = links, "udp, calling {}:{}".format(*endpoint)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        self._number = self._links.open(self._transport.sendto, f"udp, calling {self._name}")
+        self._number = self._links.open(self._transport.sendto, self._name)
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         self._links.receive(self._number, data)
@@ -140,9 +131,7 @@ class _UdpListener(_Udp):
     def _welcome(self, addr: Endpoint, now_s: float) -> int:
         for silent in [peer for peer, (_, heard_s) in self._peers.items() if now_s - heard_s > SILENT_S]:
             self._links.close(self._peers.pop(silent)[0])
-        return self._links.open(
-            lambda reply: self._transport.sendto(reply, addr), f"udp from {addr[0]}:{addr[1]}"
-        )
+        return self._links.open(partial(self._transport.sendto, addr=addr), "udp from {}:{}".format(*addr))
 
 
 class _TcpClient(asyncio.Protocol):
@@ -172,7 +161,6 @@ class _TcpClient(asyncio.Protocol):
 async def _pace(
     vehicle: Vehicle,
     links: Links,
-    asked: deque[Fault],
     publish: Callable[[Truth], None] | None,
     speed: float,
     stop: asyncio.Event,
@@ -180,28 +168,36 @@ async def _pace(
     """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
     clock = asyncio.get_running_loop().time
     period_s = vehicle.step_s / speed
-    due_s = status_s = clock()
-    on_terminal = sys.stderr.isatty()
+    due_s = clock()
     for count in itertools.count(1):
-        while asked:
-            fault = asked.popleft()
-            LOG.info("fault: %s in %g s", fault.kind, fault.at_s)
-            vehicle.inject(replace(fault, at_s=vehicle.time_s + fault.at_s))
         inbox, links.inbox = links.inbox, []
         links.send(vehicle.step(inbox))
         if publish and count % TRUTH_PERIOD_STEPS == 0:
             publish(vehicle.truth())
-        if on_terminal and due_s >= status_s:
-            status_s = due_s + STATUS_PERIOD_S
-            line = status_line(vehicle.truth(), vehicle.current_a, vehicle.faults, len(links))
-            sys.stderr.write(CLEAR_LINE + line[: shutil.get_terminal_size().columns - 1])
-            sys.stderr.flush()
         due_s = max(due_s + period_s, clock() - MAX_CATCH_UP_STEPS * period_s)
         wait_s = due_s - clock()
         if wait_s > 0 or count % TRUTH_PERIOD_STEPS == 0:
             await asyncio.sleep(max(0.0, wait_s))
         if stop.is_set():
             return
+
+
+def _publisher(stack: contextlib.AsyncExitStack, settings: Settings) -> Callable[[Truth], None] | None:
+    if not settings.zenoh:
+        return None
+    link = ZenohLink(settings.zenoh, settings.vehicle)
+    stack.callback(link.close)
+    return link.put
+
+
+async def _open_udp(
+    stack: contextlib.AsyncExitStack, protocol: Callable[[], _Udp], endpoint: Endpoint
+) -> None:
+    with _binding("udp", endpoint[1]):
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            protocol, local_addr=endpoint
+        )
+    stack.callback(transport.close)
 
 
 @contextlib.contextmanager
@@ -231,26 +227,14 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
             stack.callback(server.close)
             LOG.info("listening on tcp %s:%d", host, port)
         for endpoint in settings.udp_listen:
-            with _binding("udp", endpoint[1]):
-                transport, _ = await loop.create_datagram_endpoint(
-                    lambda: _UdpListener(links), local_addr=endpoint
-                )
-            stack.callback(transport.close)
+            await _open_udp(stack, partial(_UdpListener, links), endpoint)
             LOG.info("listening on udp %s:%d", *endpoint)
         for endpoint in settings.udp_connect:
-            name = f"{endpoint[0]}:{endpoint[1]}"
             caller, _ = await loop.create_datagram_endpoint(
-                lambda name=name: _UdpCaller(links, name),  # type: ignore[misc]
-                remote_addr=endpoint,
+                partial(_UdpCaller, links, endpoint), remote_addr=endpoint
             )
             stack.callback(caller.close)
-        asked: deque[Fault] = deque(maxlen=MAX_INBOX)
-        publisher = None
-        if settings.zenoh:
-            take = asked.append if settings.live_faults else None
-            publisher = ZenohLink(settings.zenoh, settings.vehicle, take)
-            stack.callback(publisher.close)
-        await _pace(vehicle, links, asked, publisher.put if publisher else None, settings.speed, stop)
+        await _pace(vehicle, links, _publisher(stack, settings), settings.speed, stop)
 
 
 class _Physics(_Udp):
@@ -291,22 +275,15 @@ async def serve_physics(
     """
     body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
     async with contextlib.AsyncExitStack() as stack:
-        publisher = ZenohLink(settings.zenoh, settings.vehicle) if settings.zenoh else None
-        if publisher:
-            stack.callback(publisher.close)
-        with _binding("udp", endpoint[1]):
-            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                lambda: _Physics(body, publisher.put if publisher else None), local_addr=endpoint
-            )
-        stack.callback(transport.close)
+        publish = _publisher(stack, settings)
+        await _open_udp(stack, partial(_Physics, body, publish), endpoint)
         LOG.info("physics for ArduSub's JSON backend on udp %s:%d", *endpoint)
         await stop.wait()
 
 
 def run(config: SimConfig, seed: int, settings: Settings) -> int:
     """Run until SIGINT or SIGTERM; returns the exit status."""
-    clear = CLEAR_LINE if sys.stderr.isatty() else ""
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format=clear + "%(name)s: %(message)s")
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
 
     async def main() -> None:
         stop = asyncio.Event()
@@ -322,6 +299,4 @@ def run(config: SimConfig, seed: int, settings: Settings) -> int:
     except ValueError as error:
         LOG.error("%s", error)
         return 1
-    if clear:
-        sys.stderr.write("\n")
     return 0

@@ -23,7 +23,6 @@ from dashboard.terminal.watch import picture
 from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Fleet
 from dashboard.zenoh_client import Message
-from sim_bridge.zenoh_link import answer
 
 MakeSample = Callable[..., ControlSample]
 Sample = tuple[str, str, bytes]
@@ -189,11 +188,6 @@ def test_a_stranger_s_clock_is_not_the_vehicle_s(tmp_path: Path, genuine: list[S
 @pytest.mark.parametrize("payload", [DEEP, '{"a":' * 100_000, '{"a":NaN}', '{"a":"\ud800"}', "[1]"])
 def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
     assert readable(payload.encode(errors="surrogatepass")) == ""
-
-
-@pytest.mark.parametrize("payload", [DEEP, '{"kind":' + DEEP, '{"kind":"leak","at_s":1e400}', "\xff"])
-def test_a_fault_that_nobody_can_read_is_answered(payload: str) -> None:
-    assert not answer(payload.encode("latin-1"), lambda fault: None).done
 
 
 def test_a_number_that_jumps_by_years_is_a_new_start() -> None:
