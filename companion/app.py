@@ -3,14 +3,12 @@
 A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
 is over a millisecond late, hands the inbox to the engine and sends its answer. A late tick first reads what
 waits in the sockets; one that fails is ridden out, two within RIDE_OUT_TICKS end the process. What takes
-longer than a tick may, such as building a path, is done between ticks, in steps. Every way out leaves neutral
-what we steer.
+longer than a tick may is done between ticks, in steps. Every way out leaves neutral what we steer.
 """
 
 import asyncio
 import gc
 import logging
-import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -28,7 +26,7 @@ from companion.io.command_queue import COST, CommandQueue, EngineInput
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
-from companion.mavlink.inbox import MAX_LOOKS, Inbox
+from companion.mavlink.inbox import Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
@@ -89,13 +87,12 @@ class App:
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
         self._beside = Beside()
-        telemetry = config.telemetry
         self._commands = CommandQueue(config)
         self._event_log = EventLog()
         self._publisher = Publisher(
             config.vehicle.name,
-            telemetry.endpoint,
-            telemetry.mode,
+            config.telemetry.endpoint,
+            config.telemetry.mode,
             on_command=self._commands.put,
             choices=Choices(compensator=registry.choices(config.compensators)),
             check_list=lambda: as_json(self._engine.check_list, []),
@@ -105,17 +102,14 @@ class App:
         self._requests = list(requests)
         self._start = _start(config, setpoint, arm) if config.telemetry.raw else None
         self._period_ns = round(NS_PER_S / config.loop.rate_hz)
-        self._periods = 0
-        self._ticks = 0
-        self._late_ticks = 0
+        self._periods = self._ticks = self._late_ticks = self._compute_ns = 0
         self._failed_tick = -RIDE_OUT_TICKS
-        self._compute_ns = 0
         self._said = self._saying = ("", "")
         """State and words: what was said last, and what is to be."""
         self._said_ns = self._saying_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
         self._drawing: Task[Plan] | None = None
-        self._works_between = self._catches_up = False
+        self._works_between = False
         self._silent = True
         self._failure: BaseException | None = None
         self._stop = asyncio.Event()
@@ -148,25 +142,29 @@ class App:
             notify("STOPPING=1")
             loop.remove_reader(ticker.fd)
             ticker.close()
-            for _ in range(SHUTDOWN_REPEATS):
-                if shutdown_frames := self._engine.shutdown_frames():
-                    self._link.send(shutdown_frames)
-                await asyncio.sleep(self._period_ns / NS_PER_S)
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)
-            self._to_pilot(self._engine.last_words(f"ended: {self._parting}"))
-            for link in self._links:
-                link.close()
-            if self._timestamps is not None:
-                self._timestamps.close()
-            self._publisher.close()
+            await self._leave(running)
         if self._failure is not None:
             of_the_system = isinstance(self._failure, OSError)
             log.error("gave up: %s", self._failure, exc_info=None if of_the_system else self._failure)
             return 1
         log.info("stopped; %s", self._parting)
         return 0
+
+    async def _leave(self, running: Sequence[asyncio.Task[None]]) -> None:
+        """Send neutral, say why, and close everything."""
+        for _ in range(SHUTDOWN_REPEATS):
+            if shutdown_frames := self._engine.shutdown_frames():
+                self._link.send(shutdown_frames)
+            await asyncio.sleep(self._period_ns / NS_PER_S)
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+        self._to_pilot(self._engine.last_words(f"ended: {self._parting}"))
+        for link in self._links:
+            link.close()
+        if self._timestamps is not None:
+            self._timestamps.close()
+        self._publisher.close()
 
     def _from_vehicle(self, t_ns: int, data: bytes) -> None:
         if self._ground is not None:
@@ -182,12 +180,10 @@ class App:
         periods = ticker.read()
         self._periods += periods
         self._late_ticks += max(periods - 1, 0)
-        if self._catches_up or not periods:
-            return
         if periods > 1:
-            self._catches_up = True
-            self._catch_up(ticker, -1, MAX_LOOKS)
-        else:
+            for link in self._links:
+                link.read()
+        if periods:
             self._tick(ticker)
 
     def _expect_tick(self, periods: int) -> None:
@@ -196,15 +192,6 @@ class App:
             self._fail(RuntimeError(f"the timer of the loop has not fired for {TICK_PATIENCE_S:g} s"))
         elif not self._stop.is_set():
             asyncio.get_running_loop().call_later(TICK_PATIENCE_S, self._expect_tick, self._periods)
-
-    def _catch_up(self, ticker: Ticker, received: int, turns: int) -> None:
-        """Let the loop read what waits in the sockets, a datagram a turn; then take the late tick."""
-        now_received = sum(link.received for link in self._links)
-        if now_received == received or not turns:
-            self._catches_up = False
-            self._tick(ticker)
-        else:
-            asyncio.get_running_loop().call_soon(self._catch_up, ticker, now_received, turns - 1)
 
     def _between_ticks(self) -> None:
         """Take some steps of what a tick has no time for; come again while there is more."""
@@ -217,23 +204,11 @@ class App:
 
     def _tick(self, ticker: Ticker) -> None:
         now_ns = time.monotonic_ns()
+        now_s = now_ns / NS_PER_S
         self._ticks += 1
-        lateness_ns = now_ns - (ticker.start_ns + (self._periods - 1) * self._period_ns)
         peers = _drained(*(link.changes for link in self._links))
         self._peer_changes += len(peers)
-        health = LoopHealth(
-            tick=self._ticks,
-            rate_hz=self._ticks / ((now_ns - ticker.start_ns + self._period_ns) / NS_PER_S),
-            lateness_ms=lateness_ns / 1e6,
-            compute_us=self._compute_ns / 1e3,
-            late_ticks=self._late_ticks,
-            samples_dropped=self._publisher.dropped,
-            strangers=sum(link.strangers for link in self._links),
-            peer_changes=self._peer_changes,
-            left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
-            errors=self._beside.count + self._publisher.beside.count,
-        )
-        now_s = now_ns / NS_PER_S
+        health = self._health(now_ns, ticker)
         engine, commands = self._engine, self._commands
         try:
             given = commands.before_tick(engine, now_s)
@@ -256,10 +231,26 @@ class App:
         except Exception as error:
             self._ride_out(error)
             return
-        raw = self._raw(now_s, datagrams, ground, out, requests, given)
+        raw = None if self._start is None else self._raw(now_s, datagrams, ground, out, requests, given)
         self._tell(now_ns, sample, peers, raw, given)
         if not self._works_between:
             self._between_ticks()
+
+    def _health(self, now_ns: int, ticker: Ticker) -> LoopHealth:
+        """Return how the loop and its links do."""
+        lateness_ns = now_ns - (ticker.start_ns + (self._periods - 1) * self._period_ns)
+        return LoopHealth(
+            tick=self._ticks,
+            rate_hz=self._ticks / ((now_ns - ticker.start_ns + self._period_ns) / NS_PER_S),
+            lateness_ms=lateness_ns / 1e6,
+            compute_us=self._compute_ns / 1e3,
+            late_ticks=self._late_ticks,
+            samples_dropped=self._publisher.dropped,
+            strangers=sum(link.strangers for link in self._links),
+            peer_changes=self._peer_changes,
+            left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
+            errors=self._beside.count + self._publisher.beside.count,
+        )
 
     def _tell(
         self, now_ns: int, sample: ControlSample, peers: Sequence[str], raw: Raw | None, given: EngineInput
@@ -321,9 +312,7 @@ class App:
         out: Sequence[bytes],
         requests: Sequence[Request],
         given: EngineInput,
-    ) -> Raw | None:
-        if self._start is None:
-            return None
+    ) -> Raw:
         return Raw(
             tick=self._ticks,
             now_s=now_s,
@@ -392,20 +381,17 @@ def _start(config: Config, setpoint: Setpoint, arm: bool) -> Start:
     return Start(config=msgspec.to_builtins(config), setpoint=(x, y, z, psi), arm=arm, version=own_version())
 
 
-def identify(config: Config, manoeuvre: "Manoeuvre", *, arm: bool) -> int:
-    """Run the companion for a manoeuvre, which ends it; return its exit status."""
+def run(
+    config: Config,
+    setpoint: Setpoint,
+    *,
+    arm: bool,
+    requests: Sequence[Request],
+    manoeuvre: "Manoeuvre | None" = None,
+) -> int:
+    """Run the companion, until a `manoeuvre` is over; return its exit status."""
 
     async def run() -> int:
-        setpoint = Setpoint((math.nan,) * 4)
-        return await App(config, setpoint, arm=arm, requests=[Request.ENGAGE], manoeuvre=manoeuvre).run()
-
-    return asyncio.run(run())
-
-
-def main(config: Config, setpoint: Setpoint, *, arm: bool, requests: Sequence[Request]) -> int:
-    """Run the companion; return its exit status."""
-
-    async def run() -> int:
-        return await App(config, setpoint, arm=arm, requests=requests).run()
+        return await App(config, setpoint, arm=arm, requests=requests, manoeuvre=manoeuvre).run()
 
     return asyncio.run(run())

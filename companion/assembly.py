@@ -9,11 +9,11 @@ from msgspec.structs import asdict
 
 from companion import registry
 from companion.config import Axis, Config, ConfigError
-from companion.core import allocation, oscillation, reference, several
+from companion.core import allocation, oscillation, reference
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
-from companion.core.compensator import BESIDE_OBSERVER, ChosenCompensator
+from companion.core.compensator import BESIDE_OBSERVER, NO_COMPENSATOR, ChosenCompensator
 from companion.core.controller import Control
 from companion.core.law import ChosenLaw
 from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
@@ -184,8 +184,7 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     laws, settling = [], []
     for axis in config.axes:
         lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.lag_s)
-        learners = compensators(config, axis) if axis.law == LYAPUNOV else []
-        K = sum(integral_gain for _, integral_gain in learners)
+        K = compensator(config, axis)[1] if axis.law == LYAPUNOV else 0.0
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
         settling.append(axis.mass * kappa / (K * learning_scale) if K > 0.0 else math.inf)
     return {"1/lambda + 1/kappa": laws, "mass kappa / learning rate": settling}
@@ -205,7 +204,7 @@ def axis_control(config: Config, number: int) -> AxisControl:
         reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
         oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARES[number] * axis.max_force),
         law=law(config, axis),
-        compensator=several.together([law for law, _ in compensators(config, axis)]),
+        compensator=compensator(config, axis)[0],
         by_observer=by_observer(axis),
         max_disturbance=axis.max_disturbance,
     )
@@ -216,20 +215,20 @@ def by_observer(axis: Axis) -> bool:
     return OBSERVER in axis.compensator.split("+")
 
 
-def compensators(config: Config, axis: Axis) -> list[tuple[ChosenCompensator, float]]:
-    """Return those that learn on an axis, each with the gain by which it integrates −ε near rest."""
+def compensator(config: Config, axis: Axis) -> tuple[ChosenCompensator, float]:
+    """Return what learns on an axis, and the gain by which it integrates −ε near rest."""
     known = registry.compensators(config.compensators)
+    name = registry.learner(axis.compensator, known)
+    if not name:
+        return NO_COMPENSATOR, 0.0
+    functions = known[name]
     shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis)}
-    found = []
-    for name in registry.learners(axis.compensator, known):
-        functions = known[name]
-        values = asdict(axis) | shared | config.compensators.get(name, {})
-        parameters = parameters_of(functions, values, name)
-        chosen = ChosenCompensator(
-            functions.initial, functions.step, functions.seed, functions.weight_norm, parameters
-        )
-        found.append((chosen, functions.integral_gain(parameters)))
-    return found
+    values = asdict(axis) | shared | config.compensators.get(name, {})
+    parameters = parameters_of(functions, values, name)
+    chosen = ChosenCompensator(
+        functions.initial, functions.step, functions.seed, functions.weight_norm, parameters
+    )
+    return chosen, functions.integral_gain(parameters)
 
 
 def law(config: Config, axis: Axis) -> ChosenLaw:

@@ -110,7 +110,7 @@ def run(argv: list[str]) -> int:
         parser.add_argument(option, type=float, metavar=unit, help="to hold; default: the present one")
     arguments = parser.parse_args(argv)
 
-    from companion.app import main
+    from companion import app
     from companion.config import ConfigError
     from companion.io.logs import log_to
     from companion.records import Request, Setpoint
@@ -141,7 +141,7 @@ def run(argv: list[str]) -> int:
         requests = [Request.ENGAGE] if arguments.engage else []
         depth_m, heading_deg = (math.nan if v is None else v for v in (arguments.depth, arguments.heading))
         setpoint = Setpoint((math.nan, math.nan, depth_m, math.radians(heading_deg)))
-        return main(config, setpoint, arm=arguments.arm, requests=requests)
+        return app.run(config, setpoint, arm=arguments.arm, requests=requests)
 
 
 @contextmanager
@@ -212,13 +212,13 @@ def check(argv: list[str]) -> int:
     from companion.predive.app import inspect
     from companion.predive.inspection import CONTACT_S
     from companion.predive.table import as_json, from_json, show, worst
-    from companion.telemetry.schemas import check_key
+    from companion.telemetry.schemas import key
 
     with _refusing():
         config = _configuration(arguments)
         refuse_fast_gains(config)
         name, telemetry = config.vehicle.name, config.telemetry
-        answer = None if telemetry.mode == "file" else asked(telemetry.endpoint, check_key(name))
+        answer = None if telemetry.mode == "file" else asked(telemetry.endpoint, key(name, "check"))
         if answer is not None:
             sys.stderr.write(f"`holdfast run` holds the vehicle '{name}' and answers: what it sees now\n")
             if arguments.thrusters or arguments.set_origin is not None:
@@ -245,8 +245,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
         "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave "
         "and yaw, and surge and sway where a position is measured. From the motion it finds mass, "
-        "damping, buoyancy, lag, motor start and delay, with a position also inertia and lever of roll "
-        "and pitch, each with its doubt, and writes them as a vehicle file.",
+        "damping, buoyancy, lag, motor start and delay, each with its doubt, and writes a vehicle file.",
         IDENTIFY_EXAMPLES,
     )
     _add_config(parser)
@@ -261,6 +260,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
     from companion.config import vehicle_of
     from companion.identify.manoeuvre import Manoeuvre
     from companion.io.logs import log_to
+    from companion.records import Request, Setpoint
 
     log_to(sys.stderr)
     logging.getLogger("holdfast").setLevel(logging.WARNING)
@@ -279,7 +279,8 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
         manoeuvre = Manoeuvre(show)
-        status = app.identify(config, manoeuvre, arm=arguments.arm)
+        here = Setpoint((math.nan,) * 4)
+        status = app.run(config, here, arm=arguments.arm, requests=[Request.ENGAGE], manoeuvre=manoeuvre)
         if manoeuvre.failure or not (manoeuvre.done and manoeuvre.moved):
             why = manoeuvre.failure or "stopped"
             sys.stderr.write(f"holdfast identify: broken off: {why}; nothing was written\n")

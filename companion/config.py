@@ -182,7 +182,7 @@ class Axis(AxisModel, frozen=True):
         str,
         means(
             "estimates the disturbance: none, integrator, regressor, network, observer, one of "
-            "[compensators], or several joined by +: docs/your-own-controller.md"
+            "[compensators], or one of these +observer: docs/your-own-controller.md"
         ),
     ] = "network+observer"
     learning_rate: ranges.LearningRate = 14.0
@@ -523,7 +523,7 @@ def check_choices(config: Config) -> None:
         compensators, laws = registry.compensators(config.compensators), registry.laws(config.laws)
         for name, axis in zip(AXES, config.axes, strict=True):
             where = f"{name}.compensator = {axis.compensator!r:.80}: "
-            registry.learners(axis.compensator, compensators)
+            registry.learner(axis.compensator, compensators)
             if axis.law not in laws:
                 raise ConfigError(f"{name}.law = {axis.law!r:.80}: must be one of {', '.join(laws)}")
     except registry.UnusableError as error:

@@ -10,7 +10,7 @@ from companion.config import Config
 from companion.core import attitude, observers
 from companion.core.actuation import FULL, NONE
 from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
-from companion.core.axis import AxisSample
+from companion.core.controller import Samples
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.core.reference import Reference
@@ -45,6 +45,7 @@ from companion.records import (
     AxisCommand,
     Condition,
     ControlSample,
+    Dofs,
     DofSample,
     Event,
     Flags,
@@ -65,7 +66,7 @@ from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
-from companion.telemetry.conditions import Details
+from companion.telemetry.glossary import Details
 
 MAX_DT_TICKS = 3.0
 REDESIGN_COST = 16
@@ -106,7 +107,7 @@ class Tick(NamedTuple):
     state: VehicleState
     """In the frame inside."""
     demand: Demand
-    dofs: DofSample
+    dofs: Dofs
     guarded: Guarded
 
 
@@ -173,7 +174,7 @@ class Engine:
         memory = confirm(self.parameters, memory, demand, guarded.applied, guarded.held)
 
         self.memory = memory if demand.finite else self._without_motion(memory)
-        self.last = Tick(heard, state, demand, sampled(demand), guarded)
+        self.last = Tick(heard, state, demand, by_quantity(demand.samples), guarded)
         self.events, self.applied, self.steering = heard.events, guarded.applied, guarded.steers
         return frames, self._record(self.last)
 
@@ -500,9 +501,7 @@ class Engine:
         )
 
 
-def sampled(demand: Demand) -> DofSample:
-    """Return the law's inside by quantity."""
-    by_quantity: dict[str, Any] = dict(
-        zip(AxisSample._fields, zip(*demand.samples, strict=True), strict=True)
-    )
-    return DofSample(**by_quantity, saturated=demand.saturated, engaged=demand.wanted.engaged)
+def by_quantity(samples: Samples) -> Dofs:
+    """Return the law's inside with the four degrees of freedom of each quantity."""
+    columns: Any = zip(*samples, strict=True)
+    return DofSample(*columns)

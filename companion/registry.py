@@ -70,17 +70,17 @@ def choices(tables: Tables) -> tuple[str, ...]:
     return (NONE, OBSERVER, *known, *(f"{name}+{OBSERVER}" for name in known))
 
 
-def learners(choice: str, known: Mapping[str, Compensator]) -> list[str]:
-    """Return the names of what learns by `choice`, such as "network+observer".
+def learner(choice: str, known: Mapping[str, Compensator]) -> str:
+    """Return the name of what learns by `choice`, such as "network+observer"; empty for nothing.
 
     Raises UnusableError for a choice that there is not.
     """
     names = choice.split("+")
-    sound = choice == NONE or (len(set(names)) == len(names) and set(names) <= {OBSERVER, *known})
-    if not sound:
+    learning = "".join(name for name in names if name != OBSERVER)
+    if choice != NONE and (len(set(names)) < len(names) or learning not in ("", *known)):
         single = ", ".join((NONE, OBSERVER, *known))
-        raise UnusableError(f"must be one of {single}, or several but the first joined by +")
-    return [name for name in names if name in known]
+        raise UnusableError(f"must be one of {single}, or one that learns +{OBSERVER}")
+    return learning if choice != NONE else ""
 
 
 def _all(

@@ -7,6 +7,12 @@ from types import FrameType
 
 from companion.telemetry.schemas import ENDPOINT
 
+WHERE = """\
+By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS
+(docs/telemetry.md, "Where"). With a Zenoh router on the vehicle and telemetry.mode = "client" in the
+companion's configuration, --connect tcp/192.168.2.2:7447 reaches it too, without encryption.
+"""
+
 
 def add_connect(parser: argparse.ArgumentParser) -> None:
     """Add `--connect`."""

@@ -1,13 +1,22 @@
-"""The dashboard's subcommands."""
+"""The dashboard's subcommands. Each is imported when it is called: `holdfast --help` names them all."""
 
 import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from types import MappingProxyType
 
 
-def watch(argv: list[str]) -> int:
-    """Show a vehicle's state in the terminal, live over Zenoh."""
-    from dashboard.terminal.watch import main
+def _command(
+    module: str, function: str, purpose: str, given: Mapping[str, object] = MappingProxyType({})
+) -> Callable[[list[str]], int]:
+    """Return what calls a function of dashboard with the arguments, and with `given`."""
 
-    return main(argv)
+    def command(argv: list[str]) -> int:
+        status: int = getattr(import_module(f"dashboard.{module}"), function)(argv, **given)
+        return status
+
+    command.__doc__ = purpose
+    return command
 
 
 def dashboard(argv: list[str]) -> int:
@@ -24,58 +33,17 @@ def dashboard(argv: list[str]) -> int:
     return main(wanted)
 
 
-def engage(argv: list[str]) -> int:
-    """Let Holdfast take control, and hold the vehicle where it is."""
-    from dashboard.terminal.tell import order
-
-    return order("engage", "Takes control of the vehicle, and holds it where it is.", argv, "engage")
+def _order(name: str, purpose: str, command: str, **what: object) -> Callable[[list[str]], int]:
+    order = {"name": name, "purpose": purpose, "command": command, "what": what}
+    return _command("terminal.tell", "order", purpose, order)
 
 
-def release(argv: list[str]) -> int:
-    """Give every axis back to the pilot, at once."""
-    from dashboard.terminal.tell import order
-
-    return order("release", "Gives every axis back to the pilot, at once.", argv, "release")
-
-
-def hold(argv: list[str]) -> int:
-    """Stop a path or a move, and hold the vehicle here."""
-    from dashboard.terminal.tell import order
-
-    purpose = "Stops a path or a move, and holds the vehicle here; `holdfast follow --resume` goes on."
-    return order("hold", purpose, argv, "path", {"action": "hold"})
-
-
-def tell(argv: list[str]) -> int:
-    """Send a command to a vehicle over Zenoh, and print the answer."""
-    from dashboard.terminal.tell import main
-
-    return main(argv)
-
-
-def goto(argv: list[str]) -> int:
-    """Send a vehicle to a place."""
-    from dashboard.terminal.move import goto
-
-    return goto(argv)
-
-
-def follow(argv: list[str]) -> int:
-    """Send a vehicle along the path of a file."""
-    from dashboard.terminal.move import follow
-
-    return follow(argv)
-
-
-def record(argv: list[str]) -> int:
-    """Record everything that a vehicle publishes, as MCAP."""
-    from dashboard.recording.record import main
-
-    return main(argv)
-
-
-def replay(argv: list[str]) -> int:
-    """Publish a recording over Zenoh again, for a dashboard."""
-    from dashboard.recording.replay import main
-
-    return main(argv)
+watch = _command("terminal.watch", "main", "Show a vehicle's state in the terminal, live over Zenoh.")
+engage = _order("engage", "Let Holdfast take control, and hold the vehicle where it is.", "engage")
+release = _order("release", "Give every axis back to the pilot, at once.", "release")
+hold = _order("hold", "Stop a path or a move, and hold the vehicle here.", "path", action="hold")
+tell = _command("terminal.tell", "main", "Send a command to a vehicle over Zenoh, and print the answer.")
+goto = _command("terminal.move", "goto", "Send a vehicle to a place.")
+follow = _command("terminal.move", "follow", "Send a vehicle along the path of a file.")
+record = _command("recording.record", "main", "Record everything that a vehicle publishes, as MCAP.")
+replay = _command("recording.replay", "main", "Publish a recording over Zenoh again, for a dashboard.")

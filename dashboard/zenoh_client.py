@@ -1,7 +1,8 @@
 """A Zenoh client that waits for its server and returns to it. A ring keeps the newest data alone."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from itertools import islice
 from typing import NamedTuple
 
 import msgspec
@@ -26,6 +27,9 @@ class Message(NamedTuple):
     payload: bytes
 
 
+_Samples = zenoh.handlers.Handler[zenoh.Sample]
+
+
 class Subscription(SessionThread):
     """Everything that is published under a key expression, from whenever somebody listens on `endpoint`.
 
@@ -46,8 +50,8 @@ class Subscription(SessionThread):
         self._event_keys = zenoh.KeyExpr(f"holdfast/{vehicle if vehicle != '**' else '*'}/event")
         self.endpoint = endpoint
         self._session: zenoh.Session | None = None
-        self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
-        self._events: ext.AdvancedSubscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
+        self._subscriber: zenoh.Subscriber[_Samples] | None = None
+        self._events: ext.AdvancedSubscriber[_Samples] | None = None
 
     @property
     def connected(self) -> bool:
@@ -57,37 +61,23 @@ class Subscription(SessionThread):
     def take(self) -> list[Message]:
         """Return what came since the last call, oldest first. Never blocks."""
         messages: list[Message] = []
-        if self._events is not None:
-            while len(messages) < _RING and (sample := self._events.try_recv()) is not None:
-                messages.append(Message(str(sample.key_expr), sample.payload.to_bytes()))
-        if self._subscriber is not None:
-            while len(messages) < _RING and (sample := self._subscriber.try_recv()) is not None:
-                key = str(sample.key_expr)
-                if self._events is None or not key.endswith("/event"):
-                    messages.append(Message(key, sample.payload.to_bytes()))
+        for source in (self._events, self._subscriber):
+            while source is not None and len(messages) < _RING and (sample := source.try_recv()) is not None:
+                message = _message(sample)
+                if source is self._events or self._events is None or not message.key.endswith("/event"):
+                    messages.append(message)
         return messages
 
     def last(self) -> list[Message]:
         """Return the last sample of every key, as whoever publishes them still has it. Blocks."""
-        session = self._session
-        messages: list[Message] = []
-        if session is not None:
-            with suppress(zenoh.ZError):
-                for reply in session.get(self._key_expression, timeout=_LAST_S):
-                    if reply.ok is not None:
-                        messages.append(Message(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
-        return messages
+        return self._replies(lambda session: session.get(self._key_expression, timeout=_LAST_S))
 
     def companions(self) -> set[str]:
         """Return the names of the vehicles whose companions run, as their liveliness tokens say. Blocks."""
-        session = self._session
-        names: set[str] = set()
-        if session is not None:
-            with suppress(zenoh.ZError):
-                for reply in session.liveliness().get("holdfast/*/alive/*", timeout=_LAST_S):
-                    if reply.ok is not None:
-                        names.add(str(reply.ok.key_expr).split("/")[1])
-        return names
+        tokens = self._replies(
+            lambda session: session.liveliness().get("holdfast/*/alive/*", timeout=_LAST_S)
+        )
+        return {token.key.split("/")[1] for token in tokens}
 
     def others(self) -> str:
         """Return in words which vehicles there are; for one that does not answer. Blocks."""
@@ -96,28 +86,31 @@ class Subscription(SessionThread):
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
         """Return the answer to a query; None if nobody gave one in time. Blocks."""
+        answers = self._replies(lambda session: session.get(key, payload=payload, timeout=timeout_s), most=1)
+        return answers[0].payload if answers else None
+
+    def _replies(
+        self, ask: Callable[[zenoh.Session], Iterable[zenoh.Reply]], most: int | None = None
+    ) -> list[Message]:
+        """Return what is answered; nothing where there is no session."""
         session = self._session
-        if session is None:
-            return None
-        with suppress(zenoh.ZError):
-            for reply in session.get(key, payload=payload, timeout=timeout_s):
-                if reply.ok is not None:
-                    return reply.ok.payload.to_bytes()
-        return None
+        if session is not None:
+            with suppress(zenoh.ZError):
+                samples = (reply.ok for reply in ask(session) if reply.ok is not None)
+                return [_message(sample) for sample in islice(samples, most)]
+        return []
 
     def tell(self, vehicle: str, command: str, what: Mapping[str, object]) -> telemetry.Reply:
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
-        answer = self.ask(telemetry.command_key(vehicle, command), msgspec.json.encode(what))
+        answer = self.ask(telemetry.key(vehicle, "command", command), msgspec.json.encode(what))
         if answer is None:
-            return telemetry.Reply(
-                done=False, said=f"nobody takes '{command}' for '{vehicle}'{self.others()}"
-            )
+            said = f"nobody takes '{command}' for '{vehicle}'{self.others()}"
+            return telemetry.Reply(done=False, said=said)
         try:
             return msgspec.json.decode(answer, type=telemetry.Reply)
         except (msgspec.MsgspecError, RecursionError) as error:
-            return telemetry.Reply(
-                done=False, said=f"'{vehicle}' answered '{command}' with no Reply: {error}"
-            )
+            said = f"'{vehicle}' answered '{command}' with no Reply: {error}"
+            return telemetry.Reply(done=False, said=said)
 
     def _open(self) -> zenoh.Session:
         return zenoh.open(client_configuration(self.endpoint))
@@ -133,3 +126,7 @@ class Subscription(SessionThread):
         self._session = session
         self._closing.wait()
         self._session = self._subscriber = self._events = None
+
+
+def _message(sample: zenoh.Sample) -> Message:
+    return Message(str(sample.key_expr), sample.payload.to_bytes())

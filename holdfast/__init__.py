@@ -26,10 +26,7 @@ tether and an unknown load. It runs on the companion computer and speaks MAVLink
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`
 """
 
-LAB = """\
-`holdfast lab` measures Holdfast in virtual time and improves it: simulated dives, searches, comparisons.
-"""
-
+LAB = "`holdfast lab` measures Holdfast in virtual time and improves it: dives, searches, comparisons."
 
 DISTRIBUTION = "holdfast-rov"
 """The name for pip and of the wheels. In the package index `holdfast` is somebody else's project."""
@@ -59,7 +56,6 @@ REPLACED = {
     "foxglove": "`holdfast record`: Foxglove opens its MCAP files",
     "fault": "`holdfast sim --fault KIND,at_s=30`",
     "keys": "the recipe of docs/telemetry.md for openssl",
-    "completion": "`holdfast --print-completion SHELL`",
 }
 """Commands of the version before, and what took their place."""
 
@@ -141,10 +137,8 @@ def _dispatch(arguments: list[str], command: str) -> int:
 
         sys.stdout.write(about())
         return DONE
-    if command == "--print-completion":
-        _print_completion(commands, arguments)
     if command in ("lab", "lab -h", "lab --help"):
-        sys.stdout.write(f"{LAB}\n{_help(commands, [name for name in commands if name not in PILOT])}\n")
+        sys.stdout.write(f"{LAB}\n\n{_help(commands, [name for name in commands if name not in PILOT])}\n")
         return DONE
     if command not in commands:
         if command in REPLACED:
@@ -156,21 +150,6 @@ def _dispatch(arguments: list[str], command: str) -> int:
         return REFUSED
     status: int = commands[command].load()(arguments[len(command.split()) :])
     return status
-
-
-def _print_completion(commands: dict[str, EntryPoint], arguments: list[str]) -> NoReturn:
-    """Print what makes a shell complete commands, and end."""
-    import argparse
-
-    import shtab
-
-    parser = argparse.ArgumentParser(prog="holdfast")
-    names = parser.add_subparsers()
-    for name in PILOT:
-        names.add_parser(name, help=summary(commands[name]), add_help=False)
-    shtab.add_argument_to(parser)
-    parser.parse_args(arguments)
-    raise AssertionError("shtab ends the process")
 
 
 def _say(command: str, what: str) -> None:
@@ -200,14 +179,12 @@ def extra_of(module: str, command: str) -> str:
 
     An extra that includes another one lists all of its modules too. "" if none brings it.
     """
-    name = module.partition(".")[0]
-    every = [
-        (match[1], match[2])
-        for text in requires(DISTRIBUTION) or ()
-        if (match := re.match(r"""([\w-]+?)(?:-sdk)?(?![\w-]).*; extra == ["'](\w+)["']""", text))
-    ]
+    line = re.compile(r"""([\w-]+?)(?:-sdk)?(?![\w-]).*; extra == ["'](\w+)["']""")
+    every = [match.groups() for text in requires(DISTRIBUTION) or () if (match := line.match(text))]
     sizes = Counter(extra for _, extra in every)
-    found = sorted((extra for brought, extra in every if brought == name), key=lambda extra: sizes[extra])
+    found = sorted(
+        (extra for brought, extra in every if brought == module.partition(".")[0]), key=sizes.__getitem__
+    )
     entry = commands_by_name().get(command)
-    package = entry.module.partition(".")[0] if entry else ""
-    return next((extra for extra in (command, package, *found) if extra in found), "")
+    likely = (command, entry.module.partition(".")[0] if entry else "", *found)
+    return next((extra for extra in likely if extra in found), "")

@@ -8,6 +8,8 @@ import json
 import re
 import tomllib
 from collections import Counter
+from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ MAX_BYTES = 1 << 18
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 """Byte order marks, with which Windows and spreadsheets begin a text, and what they declare."""
 MAX_DEPTH = 32
+TOO_DEEP = f"is nested more than {MAX_DEPTH} deep: flatten it"
 MAX_NUMBER = 2**63
 MAX_KEY_PARTS = 8
 _PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
@@ -68,12 +71,37 @@ def toml(source: str) -> dict[str, Any]:
     """Return a TOML table; raise ValueError, in words, for a text that is none."""
     if _LONG_KEY.search(source):
         raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts: shorten it")
-    try:
-        table = tomllib.loads(source)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"is not TOML: {error}") from error
-    _check(table)
+    table: dict[str, Any] = _parsed(source, "TOML", tomllib.loads)
     return table
+
+
+def from_json(source: str) -> Any:
+    """Return a JSON value; raise ValueError, in words, for a text that is none."""
+
+    def refuse(constant: str) -> None:
+        raise ValueError(f"{constant} is no number")
+
+    return _parsed(source, "JSON", lambda text: json.loads(text, parse_constant=refuse))
+
+
+def _parsed(source: str, kind: str, parse: Callable[[str], Any]) -> Any:
+    try:
+        value = parse(source)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"is not {kind}: {error}") from error
+    level = [value]
+    for _ in range(MAX_DEPTH):
+        if any(isinstance(node, int) and abs(node) > MAX_NUMBER for node in level):
+            raise ValueError("a whole number has more than 64 bits: correct it")
+        inner = (
+            node.values() if isinstance(node, dict) else node
+            for node in level
+            if isinstance(node, dict | list)
+        )
+        level = [*chain.from_iterable(inner)]
+        if not level:
+            return value
+    raise ValueError(TOO_DEEP)
 
 
 def line_of(path: Path, key: str) -> int:
@@ -91,42 +119,10 @@ def line_of(path: Path, key: str) -> int:
     return 0
 
 
-def from_json(source: str) -> Any:
-    """Return a JSON value; raise ValueError, in words, for a text that is none."""
-
-    def refuse(constant: str) -> None:
-        raise ValueError(f"{constant} is no number")
-
-    try:
-        value = json.loads(source, parse_constant=refuse)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"is not JSON: {error}") from error
-    _check(value)
-    return value
-
-
 def check_brackets(source: str) -> None:
     """Raise ValueError for a text in which more than `MAX_DEPTH` brackets are open at once."""
     depth = 0
     for char in source:
         depth += (char in "[{") - (char in "]}")
         if depth > MAX_DEPTH:
-            raise ValueError(f"is nested more than {MAX_DEPTH} deep: flatten it")
-
-
-def _check(root: object) -> None:
-    """Raise ValueError for what is nested too deeply, or a whole number that is too large for any use."""
-    level = [root]
-    for _ in range(MAX_DEPTH):
-        inner: list[object] = []
-        for node in level:
-            if isinstance(node, dict):
-                inner.extend(node.values())
-            elif isinstance(node, list):
-                inner.extend(node)
-            elif isinstance(node, int) and abs(node) > MAX_NUMBER:
-                raise ValueError("a whole number has more than 64 bits: correct it")
-        if not inner:
-            return
-        level = inner
-    raise ValueError(f"is nested more than {MAX_DEPTH} deep: flatten it")
+            raise ValueError(TOO_DEEP)

@@ -17,7 +17,6 @@ MEMORY_BYTES: Final = 2 << 30
 START_S, BYTES_PER_S = 20, 100_000
 """Time of the processor that is allowed: to start, and for the files."""
 
-Progress = Callable[[float], None]
 T = TypeVar("T")
 
 
@@ -25,12 +24,8 @@ class UnreadableError(ValueError):
     """A file made its reader stumble; the message does not name it."""
 
 
-def bounded(
-    read: Callable[..., T], files: Sequence[Path], *arguments: Any, progress: Progress | None = None
-) -> T:
+def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T:
     """Return `read(*arguments)`, done within bounds of time and memory.
-
-    With `progress` it takes, last, a function to which it reports the share that is done.
 
     `files` are those that it reads. `read` is a function of a module, and what it takes and returns can be
     pickled. Raises what it raises where that is a ValueError, OSError or RefusedError, and ValueError, in
@@ -43,19 +38,15 @@ def bounded(
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([read.__module__])
     ours, theirs = context.Pipe(duplex=False)
-    work = (theirs, read, arguments, progress is not None, seconds)
+    work = (theirs, read, arguments, seconds)
     child = context.Process(target=_serve, args=work, daemon=True)
     child.start()
     theirs.close()
     try:
-        while True:
-            kind, value = ours.recv()
-            if kind == "read":
-                return value  # type: ignore[no-any-return]
-            if kind == "error":
-                raise ValueError(f"{name}: {value}") if isinstance(value, UnreadableError) else value
-            if progress is not None:
-                progress(value)
+        kind, value = ours.recv()
+        if kind == "error":
+            raise ValueError(f"{name}: {value}") if isinstance(value, UnreadableError) else value
+        return value  # type: ignore[no-any-return]
     except EOFError as error:
         child.join()
         if child.exitcode == -signal.SIGXCPU:
@@ -68,17 +59,14 @@ def bounded(
         ours.close()
 
 
-def _serve(
-    pipe: Connection, read: Callable[..., Any], arguments: Sequence[Any], reports: bool, seconds: int
-) -> None:
+def _serve(pipe: Connection, read: Callable[..., Any], arguments: Sequence[Any], seconds: int) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)  # libraries print what they stumble over
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
     for what, most in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, MEMORY_BYTES)):
         _, hard = resource.getrlimit(what)
         resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-    more = [lambda share: pipe.send(("progress", share))] if reports else []
-    pipe.send(answer(read, *arguments, *more))
+    pipe.send(answer(read, *arguments))
 
 
 def answer(read: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:

@@ -9,13 +9,13 @@ import sys
 from pathlib import Path
 
 from holdfast import DONE, FAILED, RefusedError
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
-  holdfast install                              as root: write and start the services
-  holdfast install                              after an upgrade, or where link.endpoint became a serial line
-  holdfast install --remove                     stop and remove them; configuration and dives stay
+  holdfast install             as root: write and start the services; again after an upgrade, or where
+                               link.endpoint became a serial line
+  holdfast install --remove    stop and remove them; configuration and dives stay
 
 The services holdfast, holdfast-record and holdfast-dashboard start now and at every boot;
 holdfast-sim@VEHICLE does not. /etc/holdfast/companion.toml is written once, and kept. Nothing moves the
@@ -55,18 +55,12 @@ def install(argv: list[str]) -> int:
         EXAMPLES,
     )
     parser.add_argument("--remove", action="store_true", help="stop the services and remove their units")
-    removed_option(parser, "--apply", "it acts at once")
-    removed_option(parser, "--rollback", "pip installs the version before")
-    removed_option(parser, "--wheels", "pip install --no-index --find-links DIR, before this command")
     remove = parser.parse_args(argv).remove
     _refuse_what_cannot_be(remove=remove)
     os.umask(0o022)
     try:
         _refuse_while_held()
-        if remove:
-            _remove()
-        else:
-            _install()
+        (_remove if remove else _install)()
     except subprocess.CalledProcessError as error:
         said = " / ".join((error.stdout + error.stderr).split("\n")[-4:])
         sys.stderr.write(f"holdfast install: `{' '.join(error.cmd)}` failed: {said}; repeat this command\n")
@@ -86,9 +80,7 @@ def _install() -> None:
     except RefusedError:
         raise
     except Exception as error:  # a law or compensator of its owner's
-        raise RefusedError(
-            f"{CONFIGURATION}: leads to {error!r}: correct what it names, and repeat"
-        ) from error
+        raise RefusedError(f"{CONFIGURATION}: leads to {error!r}: correct it, and repeat") from error
     files = {Path(file.name): file.read_text(encoding="utf-8") for file in TEMPLATES.glob("*.service")}
     files = {name: text.replace(IN_TEMPLATES, str(PROGRAM)) for name, text in files.items()}
     if match := re.fullmatch(r"serial:(/[^\s:]+):\d+", config.link.endpoint):
@@ -96,6 +88,8 @@ def _install() -> None:
             f"# From link.endpoint in {CONFIGURATION}, by `holdfast install`.\n"
             f"[Service]\nPrivateDevices=no\nDeviceAllow={match[1]} rw\nSupplementaryGroups=dialout\n"
         )
+    else:
+        (UNITS / SERIAL).unlink(missing_ok=True)
     first = BEGUN.exists() or not any((UNITS / name).exists() for name in ENABLED)
     if first:
         _write(BEGUN, "`holdfast install` was cut off: repeat it\n")
@@ -103,15 +97,12 @@ def _install() -> None:
         _write(CONFIGURATION, DEFAULT_FILE.read_text(encoding="utf-8"))
     if not _is_user(USER):
         _run("useradd", "--system", "--no-create-home", "--home-dir", "/", USER)
-    if SERIAL not in files:
-        (UNITS / SERIAL).unlink(missing_ok=True)
     for name, text in files.items():
         _write(UNITS / name, text)
     if not LINK.exists():
         LINK.unlink(missing_ok=True)
         LINK.symlink_to(PROGRAM)
-    if RUNNING.is_dir():
-        _run("systemctl", "daemon-reload")
+    _reload()
     if first:  # whoever disabled a service later keeps it so
         _run("systemctl", "enable", *ENABLED)
     if RUNNING.is_dir():
@@ -139,8 +130,7 @@ def _remove() -> None:
     BEGUN.unlink(missing_ok=True)
     if LINK.is_symlink() and LINK.readlink() == PROGRAM:
         LINK.unlink()
-    if RUNNING.is_dir():
-        _run("systemctl", "daemon-reload")
+    _reload()
     if _is_user(USER):
         _run("userdel", USER)
     sys.stdout.write(
@@ -175,6 +165,11 @@ def _refuse_while_held() -> None:
         )
 
 
+def _reload() -> None:
+    if RUNNING.is_dir():
+        _run("systemctl", "daemon-reload")
+
+
 def _run(*argv: str) -> str:
     return subprocess.run(argv, check=True, cwd="/", capture_output=True, text=True).stdout.strip()
 
@@ -191,7 +186,4 @@ def _write(path: Path, text: str) -> None:
 
 
 def _is_user(name: str) -> bool:
-    try:
-        return bool(pwd.getpwnam(name))
-    except KeyError:
-        return False
+    return any(user.pw_name == name for user in pwd.getpwall())

@@ -48,10 +48,8 @@ def override(table: dict[str, Any], text: str) -> None:
 
 def bounds(hint: Any) -> tuple[float, float] | None:
     """Return the least and the largest of a quantity's type; None where it has no range."""
-    for meta in metas(hint):
-        if meta.ge is not None and meta.le is not None:
-            return meta.ge, meta.le
-    return None
+    every = ((meta.ge, meta.le) for meta in metas(hint) if meta.ge is not None and meta.le is not None)
+    return next(every, None)
 
 
 def refusal(name: str, value: float, hint: Any, limit: tuple[float, str] = NO_LIMIT) -> str | None:
@@ -59,15 +57,16 @@ def refusal(name: str, value: float, hint: Any, limit: tuple[float, str] = NO_LI
 
     `limit` is that of the configuration, below that of the type, and its key.
     """
-    found = bounds(hint)
-    name_of_limit = f" ({limit[1]})" if found and limit[0] < found[1] else ""
-    found = found and (found[0], min(found[1], limit[0]))
+    if (found := bounds(hint)) is None:
+        return None
+    lowest, most = found[0], min(found[1], limit[0])
     least, remedy = least_beside_zero(hint), _extra(hint, "remedy")
-    if found is None or (value == 0.0 if 0.0 <= value < least else found[0] <= value <= found[1]):
+    if value == 0.0 if 0.0 <= value < least else lowest <= value <= most:
         return None
     shown = f"{value:g}" if isinstance(value, float) else str(value)[:20]
-    allowed = f"0, or {least:g} to {found[1]:g}" if least else f"{found[0]:g} to {found[1]:g}"
-    return f"{name} = {shown}: must be {allowed}{name_of_limit}{f'; {remedy}' if remedy else ''}"
+    allowed = (f"0, or {least:g}" if least else f"{lowest:g}") + f" to {most:g}"
+    of_limit = f" ({limit[1]})" if limit[0] < found[1] else ""
+    return f"{name} = {shown}: must be {allowed}{of_limit}{f'; {remedy}' if remedy else ''}"
 
 
 def least_beside_zero(hint: Any) -> float:
@@ -142,13 +141,12 @@ def metas(hint: Any) -> Iterator[Meta]:
 
 def _hint_at(hint: Any, parts: list[str]) -> Any:
     for part in parts:
+        kinds = (hint, *get_args(hint))
         if part.isdigit():
-            hint = next(iter(get_args(hint)), None)
-            continue
-        structs = [
-            kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and issubclass(kind, Struct)
-        ]
-        if not structs:
-            return None
-        hint = get_type_hints(structs[0], include_extras=True).get(part)
+            hint = next(iter(kinds[1:]), None)
+        else:
+            struct = next(
+                (kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Struct)), Struct
+            )
+            hint = get_type_hints(struct, include_extras=True).get(part)
     return hint

@@ -12,6 +12,7 @@ TESTED_ARDUSUB = "4.7"
 """The version against which tests/firmware run."""
 
 CHECKOUT = Path(__file__).parents[1]
+DESCRIBE = ("git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12")
 
 
 @cache
@@ -22,9 +23,8 @@ def revision() -> str:
     """
     if not (CHECKOUT / ".git").exists():
         return ""
-    command = ("git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12")
     try:
-        done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, timeout=5.0, check=True)
+        done = subprocess.run(DESCRIBE, cwd=CHECKOUT, capture_output=True, text=True, timeout=5.0, check=True)
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stdout.strip()

@@ -27,6 +27,12 @@ def add_out(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
+def add_count(parser: argparse.ArgumentParser, option: str, default: int, what: str, least: int = 1) -> None:
+    """Add an option whose value is a whole number of `least` (0 or 1) or more."""
+    kind = positive if least else not_negative
+    parser.add_argument(option, type=kind, default=default, metavar="N", help=f"{what}; default %(default)s")
+
+
 def add_bench(parser: argparse.ArgumentParser, rows: str = "", scenarios: str = "") -> None:
     """Add what the benches share; `rows` and `scenarios` name examples, or are empty for a bench without."""
     parser.add_argument(

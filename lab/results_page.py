@@ -2,7 +2,7 @@
 
 On a page a table stands between `<!--table:NAME-->` and `<!--end-->`, or, for a picture, what made it
 between `<!--made:NAME-->` and `<!--end-->`. Its file, docs/results/NAME.json,
-has `columns`, `rows` and the `provenance` of `lab.study`; `holdfast lab bench tank --out docs/results`
+has `columns`, `rows` and the `provenance` of `lab.study`; `holdfast lab bench reality --out docs/results`
 makes it.
 """
 

@@ -18,7 +18,6 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
-from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -36,7 +35,7 @@ from rich.progress import (
 from rich.table import Table
 
 from holdfast import FAILED, REFUSED, RefusedError, own_version
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
 from lab.options import find_firmware, positive
@@ -76,10 +75,6 @@ class Study(ABC, Generic[C]):
     """Whether the rows stay in their file when the study is complete, so that a longer run continues them."""
     rows_key: ClassVar[str] = "dives"
     """Of the rows in the JSON file."""
-    variants: ClassVar[Mapping[str, str]] = {}
-    """By the option that asks for it, another study of the same command: "module:class"."""
-    forks: ClassVar[bool] = False
-    """Whether a dive forks its process, which must not be the command's own: that has threads."""
     steps = 1
     """Steps of progress in a case: more than one where `dive` calls `advance`."""
     advance: Callable[[int], object] = staticmethod(lambda steps: None)
@@ -139,18 +134,7 @@ def start(kind: type[Study[Any]], argv: Sequence[str], examples: str = "") -> in
     if "firmware" in arguments and not find_firmware(kind.command.split()[0], arguments):
         return REFUSED
     arguments.command = shlex.join(["holdfast", *kind.command.split(), *argv])
-    for option, name in kind.variants.items():
-        asked = getattr(arguments, option)
-        if asked is not None and asked is not False:
-            kind = load(name)
     return run(kind(arguments), arguments, Console())
-
-
-def load(name: str) -> type[Study[Any]]:
-    """Import a study by "module:class"."""
-    module, _, kind = name.partition(":")
-    found: type[Study[Any]] = getattr(import_module(module), kind)
-    return found
 
 
 def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentParser:
@@ -160,7 +144,6 @@ def parser_of(kind: type[Study[Any]], examples: str = "") -> argparse.ArgumentPa
     parser.add_argument(
         "--workers", type=positive, metavar="N", help="processes on this machine; default: its cores"
     )
-    removed_option(parser, "--scheduler", "use --workers; a campaign dives in parts with --first and --dives")
     add_files(parser, row=kind.unit.removesuffix("s"))
     return parser
 
@@ -209,10 +192,9 @@ def _dive(
     if not cases:
         return
     groups, done = study.groups(cases), 0
-    alone = len(groups) == 1 and not study.forks
     columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     with (
-        workforce(1 if alone else arguments.workers, study.forks) as (executor, workers),
+        workforce(1 if len(groups) == 1 else arguments.workers) as (executor, workers),
         Progress(TextColumn(study.unit), *columns, console=console) as progress,
     ):
         task = progress.add_task("", total=study.steps * len(cases))
@@ -250,10 +232,10 @@ def _rows(study: Study[C], cases: Sequence[C]) -> list[Row]:
 
 
 @contextmanager
-def workforce(workers: int | None, forks: bool = False) -> Iterator[tuple[Executor | None, int]]:
-    """Give an executor and how many dive at once; one worker needs none, unless its dives fork."""
+def workforce(workers: int | None) -> Iterator[tuple[Executor | None, int]]:
+    """Give an executor and how many dive at once; one worker needs none."""
     count = workers or os.cpu_count() or 1
-    if count == 1 and not forks:
+    if count == 1:
         yield None, 1
         return
     # The terminal sends Ctrl-C to every process: workers die of it, and the command says the rest.

@@ -1,6 +1,7 @@
 """docs/supervisor.md from the supervisor's tables."""
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from companion.supervision.conditions import (
     FREEZES,
     MOST_INTERRUPTED,
     NOTHING,
-    RULES,
     SAMPLE_S,
     WARNS,
 )
@@ -31,6 +31,7 @@ from companion.supervision.monitor import RECOVERS_PER_S, STEADY_S
 from companion.supervision.supervisor import transition
 from companion.telemetry.glossary import COURSES, STATES, title
 
+KEY = re.compile(rf"\b({'|'.join(SupervisorLimits.__struct_fields__)})\b")
 PAGE = Path(__file__).parent.parent / "docs" / "supervisor.md"
 
 
@@ -162,8 +163,7 @@ def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     )
     lines = ["| condition | what is said: when | effect | what to do |", "|---" * 4 + "|"]
     for condition in Condition:
-        keys = ", ".join(f"`{key}={getattr(limits, key):g}`" for key in RULES[condition].keys)
-        when = f"{condition.description} ({keys})".lstrip() if keys else condition.description
+        when = KEY.sub(lambda key: f"`{key[0]}={getattr(limits, key[0]):g}`", condition.description)
         name, remedy = title(condition.name or ""), condition.remedy or "–"
         lines.append(f"| {name} | {condition.text}{when and ': '}{when} | {_effect(condition)} | {remedy} |")
     yield "\n".join([*lines, ""])

@@ -7,11 +7,11 @@ from companion import assembly
 from companion.config import load_config
 from companion.core import controller, model_learner, observers
 from companion.core.actuation import NONE
-from companion.core.controller import Ahead
+from companion.core.axis import Ahead, Orders
 from companion.core.model_learner import Seen, seen_by
 from companion.core.positioning import jacobian
 from companion.core.vehicle_model import NO_EVIDENCE
-from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector, without
+from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector
 
 ALL = (True,) * 4
 FULL = (1.0,) * 4
@@ -45,22 +45,12 @@ class Law:
         )
         self.target = target
         full = verdict.authority >= 1.0
+        orders = Orders(engaged, saturated, idle, full and not verdict.freeze, full, FULL)
+        J = jacobian(s.eta_ahead[PSI])
         self.memory, samples = controller.step(
-            self.parameters,
-            self.memory,
-            self.ahead,
-            jacobian(s.eta_ahead[PSI]),
-            self.target,
-            FULL,
-            engaged,
-            without(engaged, saturated),
-            idle,
-            full and not verdict.freeze,
-            full,
-            TICK_S,
+            self.parameters, self.memory, self.ahead, J, target, orders, TICK_S
         )
-        columns = dict(zip(samples[0]._fields, zip(*samples, strict=True), strict=True))
-        return DofSample(**columns, saturated=saturated, engaged=engaged)
+        return DofSample(*zip(*samples, strict=True))
 
     def taken_over(self, *overrides):
         """The same dive with another configuration."""

@@ -84,9 +84,7 @@ def make_sample() -> Callable[..., ControlSample]:
 def _make_sample(**state: Any) -> ControlSample:
     """A sample in which every number of `DofSample` is another, so that a swap cannot hide."""
     numbers = map(float, count(1))
-    columns: dict[str, Any] = {
-        name: tuple(next(numbers) for _ in DOFS) for name in DofSample.__struct_fields__
-    }
+    columns: dict[str, Any] = {name: tuple(next(numbers) for _ in DOFS) for name in DofSample._fields}
     columns["saturated"] = (True, False, False, True)
     columns["adapting"] = (False, True, False, True)
     columns["engaged"] = (True, True, True, False)

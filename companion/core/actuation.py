@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from companion.core import attitude, levelling, pace, tilt
+from companion.core import attitude, levelling, tilt
 from companion.core.allocation import (
     HALVINGS,
     ByAxis,
@@ -11,20 +11,20 @@ from companion.core.allocation import (
     allocate,
     delivered,
     overloaded,
-    without,
+    without_motor,
 )
 from companion.core.attitude import Deviation, Held
 from companion.core.bounds import limited
-from companion.core.levelling import Levelling, LevellingState
+from companion.core.four import each, each_of_two
+from companion.core.levelling import Levelling, LevellingState, Response, Turn
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import by_dof
-from companion.core.tilt import TiltLimit, TiltState
+from companion.core.tilt import Force, TiltLimit, TiltState
 from companion.records import PSI, ZERO, Axes, Flags, Vector, X, Y, Z
 
 FULL: Vector = (1.0, 1.0, 1.0, 1.0)
 NONE: Flags = (False, False, False, False)
 NO_AXES: Axes = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-FREE: ByAxis = (False, False, False, False, False, False)
 CUT_OFF = 0.01
 """An axis that differs from what was wanted by more than this did not get it."""
 
@@ -61,11 +61,11 @@ class ActuationMemory(NamedTuple):
     active_wrench: Vector
     """What the law last asked while active: this is let go, evenly, whatever it would say by then."""
     wanted: Axes
-    short: ByAxis
+    shortfall: ByAxis
     """Axis by axis, whether more was asked than the thrusters can give."""
     command: Axes
     """What the vehicle made of the last command."""
-    beside: Axes
+    pilots: Axes
     """Of it what is the pilot's."""
     delivered: Vector
     """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
@@ -87,8 +87,8 @@ class Limits(NamedTuple):
 NO_LIMITS = Limits(FULL, NONE)
 
 
-class Tilting(NamedTuple):
-    """How the vehicle leans, and how what levels it answers: rad, rad/s, V, s."""
+class Tilt(NamedTuple):
+    """How the vehicle is tilted, and how what levels it answers: rad, rad/s, V."""
 
     roll: float
     pitch: float
@@ -97,30 +97,26 @@ class Tilting(NamedTuple):
     turn_radps: float
     """Rate of the heading."""
     voltage_v: float
-    delay_s: float
-    gain: float
-    lag_s: float
-    adapts: bool
-    """Whether what is found of the vehicle is used."""
+    response: Response
 
 
 def start(actuation: Actuation) -> ActuationMemory:
     """Return the memory of one that has sent nothing."""
     return ActuationMemory(
-        tilt.start(actuation.tilt_limit),
-        attitude.HELD_LEVEL,
-        levelling.START,
-        levelling.START,
-        FULL,
-        FULL,
-        ZERO,
-        NO_AXES,
-        FREE,
-        NO_AXES,
-        NO_AXES,
-        ZERO,
-        NONE,
-        0,
+        tilt=tilt.start(actuation.tilt_limit),
+        held=attitude.HELD_LEVEL,
+        roll=levelling.START,
+        pitch=levelling.START,
+        pace=FULL,
+        share=FULL,
+        active_wrench=ZERO,
+        wanted=NO_AXES,
+        shortfall=(False, False, False, False, False, False),
+        command=NO_AXES,
+        pilots=NO_AXES,
+        delivered=ZERO,
+        saturated=NONE,
+        dead_motor=0,
     )
 
 
@@ -130,100 +126,161 @@ def step(
     requested: Vector,
     permission: Permission,
     wanted: Wanted,
-    lean: Tilting,
+    at: Tilt,
     away_m: float,
     dt_s: float,
 ) -> tuple[ActuationMemory, Axes, Limits]:
     """Return the axes for the level wrench `requested`, and what thrust and tilt leave of the reference.
 
     Roll and pitch are to be held at the angles `wanted`; the tilt that counts is the deviation from them.
-
-    The reference is `away_m` from the vehicle, horizontally: while the horizontal force is limited it stays
-    near, and what is let go is not pulled at. Heave is always ours.
+    The reference is `away_m` from the vehicle, horizontally.
     """
-    active_wrench = requested if permission.active else memory.active_wrench
-    rests = permission.authority == 0.0
-    of_tilt = tilt.start(actuation.tilt_limit) if rests else memory.tilt
-    roll = levelling.rested(memory.roll) if rests else memory.roll
-    pitch = levelling.rested(memory.pitch) if rests else memory.pitch
-
+    rests, learns = permission.authority == 0.0, permission.authority == 1.0
+    if rests:
+        memory = rested(actuation, memory)
     held = attitude.HELD_LEVEL if rests else attitude.step(memory.held, wanted.angles, dt_s)
-    off = attitude.deviation(held, lean.roll, lean.pitch, lean.p, lean.q, lean.turn_radps)
+    off = attitude.deviation(held, at.roll, at.pitch, at.p, at.q, at.turn_radps)
     angle = tilt.coming_tilt(off.roll, off.pitch, off.p, off.q)
-    pushed_n, asked_n = _level(memory.delivered), _level(active_wrench)
-    of_tilt = tilt.step(actuation.tilt_limit, of_tilt, angle, pushed_n, dt_s)
-    most_n = tilt.allowed_n(of_tilt, angle)
-    level = most_n / asked_n if asked_n > most_n else 1.0
-    upright = tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD)
-    own_pace, limits = _limits(memory, angle, level < 1.0, upright == 0.0, away_m, dt_s)
+    active_wrench = requested if permission.active else memory.active_wrench
+    of_tilt, share = tilt_share(actuation, memory, active_wrench, angle, dt_s)
+    pace, limits = paced(memory, angle, share, away_m, dt_s)
 
     surge, sway, heave, N = active_wrench if permission.releases else requested
-    along_axes = attitude.body_force(held, (level * surge, level * sway, heave))
-    force = tilt.body_force(off.roll, off.pitch, angle, along_axes)
-    K, M = 0.0, 0.0
+    along_axes = attitude.body_force(held, (share[X] * surge, share[Y] * sway, heave))
+    force, N = tilt.body_force(off.roll, off.pitch, angle, along_axes), share[PSI] * N
+    roll, pitch, K, M = memory.roll, memory.pitch, 0.0, 0.0
     if actuation.levels:
-        engaged, full = wanted.engaged, permission.authority == 1.0
-        turn = upright * N / actuation.yaw_inertia
-        inertia, (k_roll, k_pitch) = actuation.roll.inertia, actuation.righting_nm
-        beside = attitude.roll_moment(held, inertia / lean.gain, k_roll, inertia * turn)
-        roll, K = _levelled(actuation, memory, held, roll, Y, force, engaged, full, lean, off, beside, dt_s)
-        inertia = actuation.pitch.inertia
-        beside = attitude.pitch_moment(held, inertia / lean.gain, k_pitch, inertia * turn)
-        pitch, M = _levelled(actuation, memory, held, pitch, X, force, engaged, full, lean, off, beside, dt_s)
-    N = attitude.upright_share(held) * (upright * N)
-    share = permission.authority
-    asked = (share * force[X], share * force[Y], share * force[Z], share * N, share * K, share * M)
-    thrusters = without(actuation.thrusters, memory.dead_motor)
-    axes, short = allocate(thrusters, asked, lean.voltage_v, permission.reach)
-    yaw = axes[PSI]
-    if memory.dead_motor > 0 and any_of(memory.beside) and math.isfinite(asked[PSI]):
-        yaw = _yaw_beside(thrusters, memory.beside, asked[PSI], lean.voltage_v, permission.reach[PSI])
-    if not wanted.engaged[PSI]:  # unequal curves ask for a little, of a heading not ours
-        yaw = 0.0
-    axes = (axes[0], axes[1], axes[2], yaw, axes[4], axes[5])
-    return (
-        ActuationMemory(
-            of_tilt,
-            held,
-            roll,
-            pitch,
-            own_pace,
-            (level, level, 1.0, upright),
-            active_wrench,
-            axes,
-            short,
-            memory.command,
-            memory.beside,
-            memory.delivered,
-            memory.saturated,
-            memory.dead_motor,
-        ),
-        axes,
-        limits,
+        rolls, pitches = turns(
+            actuation, held, off, pushed(memory, wanted, force), N, learns, at.response.gain
+        )
+        roll, K = levelling.step(actuation.roll, roll, rolls, at.response, dt_s)
+        pitch, M = levelling.step(actuation.pitch, pitch, pitches, at.response, dt_s)
+    a, N = permission.authority, attitude.upright_share(held) * N
+    tau = (a * force[X], a * force[Y], a * force[Z], a * N, a * K, a * M)
+    axes, shortfall = allocated(actuation, memory, tau, at.voltage_v, permission.reach, wanted.engaged[PSI])
+    memory = memory._replace(
+        tilt=of_tilt,
+        held=held,
+        roll=roll,
+        pitch=pitch,
+        pace=pace,
+        share=share,
+        active_wrench=active_wrench,
+        wanted=axes,
+        shortfall=shortfall,
+    )
+    return memory, axes, limits
+
+
+def rested(actuation: Actuation, memory: ActuationMemory) -> ActuationMemory:
+    """Return the memory of one that nobody steers: what was found of its levers stays."""
+    return memory._replace(
+        tilt=tilt.start(actuation.tilt_limit),
+        roll=levelling.rested(memory.roll),
+        pitch=levelling.rested(memory.pitch),
     )
 
 
+def tilt_share(
+    actuation: Actuation, memory: ActuationMemory, asked: Vector, angle: float, dt_s: float
+) -> tuple[TiltState, Vector]:
+    """Return what a tilt of `angle` leaves of surge, sway, heave and yaw. Heave is always ours."""
+    of_tilt = tilt.step(actuation.tilt_limit, memory.tilt, angle, level_n(memory.delivered), dt_s)
+    most_n, asked_n = tilt.allowed_n(of_tilt, angle), level_n(asked)
+    level = most_n / asked_n if asked_n > most_n else 1.0
+    return of_tilt, (level, level, 1.0, tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD))
+
+
+def level_n(tau: Vector) -> float:
+    """Return the horizontal force of a wrench, N."""
+    return math.sqrt(tau[X] * tau[X] + tau[Y] * tau[Y])
+
+
+def paced(
+    memory: ActuationMemory, angle: float, share: Vector, away_m: float, dt_s: float
+) -> tuple[Vector, Limits]:
+    """Return the pace that saturation leaves, and what the reference may do at a tilt of `angle`.
+
+    While the horizontal force is limited the reference stays near, and what is let go is not pulled at.
+    """
+    x, y, z, psi = pace = each_of_two(tilt.pace, memory.pace, memory.saturated, dt_s)
+    left, limits = tilt.share(angle), share[X] < 1.0
+    allowed = (tilt.slowed(x, left), tilt.slowed(y, left), tilt.slowed(z, left), psi)
+    far = limits and away_m > tilt.FOLLOWS_M
+    return pace, Limits(allowed, (far, far, False, limits and share[PSI] == 0.0))
+
+
+def pushed(memory: ActuationMemory, wanted: Wanted, force: Force) -> tuple[float, float]:
+    """Return the force along surge and sway, N: the pilot's on an axis that is not held."""
+    surge = force[X] if wanted.engaged[X] else memory.delivered[X]
+    return surge, force[Y] if wanted.engaged[Y] else memory.delivered[Y]
+
+
+def turns(
+    actuation: Actuation,
+    held: Held,
+    off: Deviation,
+    push: tuple[float, float],
+    N: float,
+    learns: bool,
+    gain: float,
+) -> tuple[Turn, Turn]:
+    """Return what keeps roll and pitch at their angles has to answer."""
+    turn, straight = N / actuation.yaw_inertia, attitude.is_straight(held)
+    I_x, I_y, (k_x, k_y) = actuation.roll.inertia, actuation.pitch.inertia, actuation.righting_nm
+    surge, sway = limited(push[X], actuation.max_force[X]), limited(push[Y], actuation.max_force[Y])
+    K = attitude.roll_moment(held, I_x / gain, k_x, I_x * turn)
+    M = attitude.pitch_moment(held, I_y / gain, k_y, I_y * turn)
+    return (
+        Turn(angle=off.roll, rate=off.p, force=sway, moment=K, learns=learns, straight=straight),
+        Turn(angle=off.pitch, rate=off.q, force=surge, moment=M, learns=learns, straight=straight),
+    )
+
+
+def allocated(
+    actuation: Actuation, memory: ActuationMemory, tau: Axes, voltage_v: float, reach: Axes, turns: bool
+) -> tuple[Axes, ByAxis]:
+    """Return the axes for a body wrench; yaw is ours where it `turns`, and beside the pilot's axes."""
+    thrusters = without_motor(actuation.thrusters, memory.dead_motor)
+    axes, shortfall = allocate(thrusters, tau, voltage_v, reach)
+    yaw = axes[PSI]
+    if memory.dead_motor > 0 and memory.pilots != NO_AXES and math.isfinite(tau[PSI]):
+        yaw = yaw_beside(thrusters, memory.pilots, tau[PSI], voltage_v, reach[PSI])
+    if not turns:  # unequal curves ask for a little, of a heading not ours
+        yaw = 0.0
+    return with_yaw(axes, yaw), shortfall
+
+
+def with_yaw(axes: Axes, yaw: float) -> Axes:
+    """Return the axes with another demand on yaw."""
+    return (axes[0], axes[1], axes[2], yaw, axes[4], axes[5])
+
+
+def yaw_beside(thrusters: Thrusters, pilots: Axes, N: float, voltage_v: float, reach: float) -> float:
+    """Return the yaw axis for a moment beside the pilot's axes, which turn a vehicle without a motor."""
+    low, high = -reach, reach
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        if delivered(thrusters, with_yaw(pilots, middle), voltage_v)[PSI] < N:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 def sent(
-    actuation: Actuation, memory: ActuationMemory, command: Axes, lean: Tilting, held: ByAxis
+    actuation: Actuation, memory: ActuationMemory, command: Axes, at: Tilt, held: ByAxis
 ) -> tuple[ActuationMemory, Vector]:
     """Take what the vehicle makes of the command that went out; axes that are not `held` are the pilot's.
 
     Return the wrench that it gives in the level frame of the heading, N and N·m.
     """
-    thrusters = without(actuation.thrusters, memory.dead_motor)
-    surge, sway, heave, N, _, _ = delivered(thrusters, command, lean.voltage_v)
-    over, wanted, short, share = overloaded(thrusters, command), memory.wanted, memory.short, memory.share
-    less = (
-        over[0] or short[0] or abs(command[0] - wanted[0]) > CUT_OFF or share[0] < 1.0,
-        over[1] or short[1] or abs(command[1] - wanted[1]) > CUT_OFF or share[1] < 1.0,
-        over[2] or short[2] or abs(command[2] - wanted[2]) > CUT_OFF or share[2] < 1.0,
-        over[3] or short[3] or abs(command[3] - wanted[3]) > CUT_OFF or share[3] < 1.0,
-    )
+    thrusters = without_motor(actuation.thrusters, memory.dead_motor)
+    less = each(fell_short, (0, 1, 2, 3), memory, command, overloaded(thrusters, command))
     if not attitude.is_straight(memory.held):
         any_force = less[0] or less[1] or less[2]
         less = (any_force, any_force, any_force, less[3])
-    N = N / attitude.upright_share(memory.held)
-    beside = (
+    pilots = (
         0.0 if held[0] else command[0],
         0.0 if held[1] else command[1],
         0.0 if held[2] else command[2],
@@ -231,138 +288,43 @@ def sent(
         0.0 if held[4] else command[4],
         0.0 if held[5] else command[5],
     )
-    x, y, z = tilt.level_force(lean.roll, lean.pitch, (surge, sway, heave))
-    return (
-        ActuationMemory(
-            memory.tilt,
-            memory.held,
-            memory.roll,
-            memory.pitch,
-            memory.pace,
-            share,
-            memory.active_wrench,
-            wanted,
-            short,
-            command,
-            beside,
-            (surge, sway, heave, N),
-            by_dof(less),
-            memory.dead_motor,
-        ),
-        (x, y, z, N),
-    )
+    surge, sway, heave, N, _, _ = delivered(thrusters, command, at.voltage_v)
+    N = N / attitude.upright_share(memory.held)
+    given, saturated = (surge, sway, heave, N), by_dof(less)
+    memory = memory._replace(command=command, pilots=pilots, delivered=given, saturated=saturated)
+    return memory, level_wrench(at, given)
+
+
+def fell_short(axis: int, memory: ActuationMemory, command: Axes, over: ByAxis) -> bool:
+    """Tell whether an axis did not get what the law asked for."""
+    cut = over[axis] or memory.shortfall[axis]
+    return cut or abs(command[axis] - memory.wanted[axis]) > CUT_OFF or memory.share[axis] < 1.0
+
+
+def level_wrench(at: Tilt, tau: Vector) -> Vector:
+    """Return what a wrench along the body's axes is in the level frame of the heading, N and N·m."""
+    surge, sway, heave, N = tau
+    x, y, z = tilt.level_force(at.roll, at.pitch, (surge, sway, heave))
+    return (x, y, z, N)
 
 
 def gone_on_without(
-    actuation: Actuation, memory: ActuationMemory, motor: int, lean: Tilting
+    actuation: Actuation, memory: ActuationMemory, motor: int, at: Tilt
 ) -> tuple[ActuationMemory, Vector]:
     """Allocate around a motor that gives no thrust, or none for 0, without a step in what is given.
 
     Return what the last command gave less than was believed, as `sent` does. Where the others cannot do the
     motor's work (`allocation.can_lose`), everything stays as it is.
     """
-    command = memory.command
-    believed = delivered(without(actuation.thrusters, memory.dead_motor), command, lean.voltage_v)
-    given = delivered(without(actuation.thrusters, motor), command, lean.voltage_v)
+    whole, command = actuation.thrusters, memory.command
+    believed = delivered(without_motor(whole, memory.dead_motor), command, at.voltage_v)
+    given = delivered(without_motor(whole, motor), command, at.voltage_v)
     surge, sway, heave = believed[0] - given[0], believed[1] - given[1], believed[2] - given[2]
     N, K, M = believed[3] - given[3], believed[4] - given[4], believed[5] - given[5]
     roll, pitch = memory.roll, memory.pitch
     if actuation.levels:
-        roll = levelling.trimmed(roll, K / actuation.roll.inertia)
-        pitch = levelling.trimmed(pitch, M / actuation.pitch.inertia)
+        roll = levelling.trimmed(actuation.roll, roll, K)
+        pitch = levelling.trimmed(actuation.pitch, pitch, M)
     N = N / attitude.upright_share(memory.held)
-    x, y, z = tilt.level_force(lean.roll, lean.pitch, (surge, sway, heave))
-    return (
-        ActuationMemory(
-            memory.tilt,
-            memory.held,
-            roll,
-            pitch,
-            memory.pace,
-            memory.share,
-            memory.active_wrench,
-            memory.wanted,
-            memory.short,
-            command,
-            memory.beside,
-            memory.delivered,
-            memory.saturated,
-            motor,
-        ),
-        (x, y, z, N),
-    )
-
-
-def any_of(axes: Axes) -> bool:
-    """Tell whether any axis differs from zero."""
-    return bool(axes[0] or axes[1] or axes[2] or axes[3] or axes[4] or axes[5])
-
-
-def _level(tau: Vector) -> float:
-    """Return the horizontal force of a wrench, N."""
-    return math.sqrt(tau[0] * tau[0] + tau[1] * tau[1])
-
-
-def _limits(
-    memory: ActuationMemory, angle: float, limited_: bool, overturned: bool, away_m: float, dt_s: float
-) -> tuple[Vector, Limits]:
-    """Return the pace that saturation leaves, and what the reference may do at a tilt of `angle`."""
-    own, cut = memory.pace, memory.saturated
-    x, y = pace.step(own[X], cut[X], dt_s), pace.step(own[Y], cut[Y], dt_s)
-    z, psi = pace.step(own[Z], cut[Z], dt_s), pace.step(own[PSI], cut[PSI], dt_s)
-    left = tilt.share(angle)
-    allowed = (pace.on_a_tilt(x, left), pace.on_a_tilt(y, left), pace.on_a_tilt(z, left), psi)
-    far = limited_ and away_m > tilt.FOLLOWS_M
-    return (x, y, z, psi), Limits(allowed, (far, far, False, limited_ and overturned))
-
-
-def _levelled(
-    actuation: Actuation,
-    memory: ActuationMemory,
-    held: Held,
-    state: LevellingState,
-    along: int,
-    force: tilt.Force,
-    engaged: Flags,
-    full: bool,
-    lean: Tilting,
-    off: Deviation,
-    beside: float,
-    dt_s: float,
-) -> tuple[LevellingState, float]:
-    """Return the moment that keeps roll or pitch at its angle beside the force `along` sway or surge.
-
-    `beside` is what the angle takes of it; the lever is found while the vehicle is level. On an axis that is
-    not held the pilot's force counts. The thrusters that level are those of heave: a vehicle that answers
-    more strongly or weakly there is taken to do so in roll and pitch.
-    """
-    push = force[along] if engaged[along] else memory.delivered[along]
-    angle, rate = (off.roll, off.p) if along == Y else (off.pitch, off.q)
-    return levelling.step(
-        actuation.roll if along == Y else actuation.pitch,
-        state,
-        angle,
-        rate,
-        limited(push, actuation.max_force[along]),
-        lean.delay_s,
-        dt_s,
-        full,
-        lean.gain,
-        lean.lag_s,
-        lean.adapts,
-        beside,
-        attitude.is_straight(held),
-    )
-
-
-def _yaw_beside(thrusters: Thrusters, beside: Axes, N: float, voltage_v: float, reach: float) -> float:
-    """Return the yaw axis for a moment beside the pilot's axes, which turn a vehicle without a motor."""
-    low, high = -reach, reach
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        axes = (beside[0], beside[1], beside[2], middle, beside[4], beside[5])
-        if delivered(thrusters, axes, voltage_v)[3] < N:
-            low = middle
-        else:
-            high = middle
-    return low
+    memory = memory._replace(roll=roll, pitch=pitch, dead_motor=motor)
+    return memory, level_wrench(at, (surge, sway, heave, N))

@@ -189,7 +189,7 @@ def can_lose(whole: Thrusters, motor: int) -> bool:
     return whole.vertical.opposed[motor - 1 - HORIZONTAL] != 0.0
 
 
-def without(whole: Thrusters, motor: int) -> Thrusters:
+def without_motor(whole: Thrusters, motor: int) -> Thrusters:
     """Return the thrusters that go on without `motor`; all for 0, and for one that nothing replaces."""
     if motor == 0 or not can_lose(whole, motor):
         return whole

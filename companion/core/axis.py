@@ -1,26 +1,25 @@
-"""One degree of freedom: reference, errors, gains, disturbance, law; no step in thrust where the law changes.
+"""One degree of freedom: errors, schedule, disturbance, law, bias. No step in thrust where the law changes.
 
-| symbol      | meaning                                              | unit (heave; yaw) | source           |
-|-------------|------------------------------------------------------|-------------------|------------------|
-| e, e_dot    | x − x_d and its rate, x at the command's time        | m, m/s; rad       | eq. 2            |
-| eps         | ε = ė + λ e                                          | m/s; rad/s        | eq. 2            |
-| d_hat       | d̂, by observer and compensator                       | N; N·m            | eq. ann          |
-| tau         | τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, and the bias  | N; N·m            | eqs. lei1, lei2  |
-| bias        | what a change of law left in thrust          | N; N·m            |                  |
+    τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε + bias                                       (eqs. lei1, lei2)
+
+Symbols are those of `law.py`; the bias is what a change of law left in thrust, N or N·m, let go over BLEND_S.
 """
 
 import math
 from typing import Any, NamedTuple
 
-from companion.core import oscillation, reference, several
+from companion.core import oscillation, reference
 from companion.core.bounds import limited, wrap
-from companion.core.compensator import ChosenCompensator, Signals
-from companion.core.law import ChosenLaw, Motion
-from companion.core.oscillation import mean_disturbance, scaled_disturbance
-from companion.core.schedule import Gains, ScheduledGains, scheduled
+from companion.core.compensator import NO_COMPENSATOR, ChosenCompensator, Signals
+from companion.core.law import ChosenLaw, Motion, Terms
+from companion.core.oscillation import LOG_GAIN_COUNTS_S, mean_disturbance, scaled_disturbance
+from companion.core.schedule import NO_GAINS, Gains, ScheduledGains, scheduled
+from companion.records import DofSample, Flags, Setpoint, Vector
 
 BLEND_S = 2.0
-"""How slowly the difference that a change of law made is let go."""
+
+Sample = DofSample[float, bool]
+Aimed = tuple[reference.State, ScheduledGains]
 
 
 class Axis(NamedTuple):
@@ -49,186 +48,137 @@ class AxisMemory(NamedTuple):
     asked: float
     """τ of the last tick, whether or not it was engaged."""
     bias: float
-    """Let go over BLEND_S."""
     seeds: bool
     """The compensator is another one now, and knows nothing: it takes `d_hat` over."""
 
 
-class Aim(NamedTuple):
-    """Where it should be, how far it is from there, and the gains that are left."""
+class Ahead(NamedTuple):
+    """Where a command that is sent now finds the vehicle, NED, and what is known of it."""
 
-    reference: reference.State
-    e: float
-    e_dot: float
-    gains: ScheduledGains
-
-
-class Point(NamedTuple):
-    """Where the next command finds it: motion, vehicle, and what is permitted."""
-
-    x: float
-    x_dot: float
-    d_observer: float
-    m: float
-    k_plus_h: float
-    gain: float
-    """Force per command over inertia, relative to the nominal vehicle."""
+    eta: Vector
+    eta_dot: Vector
+    ahead_s: float
+    disturbance: Vector
     delay_s: float
-    """For which the gains are drawn back."""
-    engaged: bool
-    free: bool
-    """Engaged, and the last command was delivered."""
+    """Of the whole loop."""
+    gain: Vector
+    later_s: Vector
+    """Delay that the thrusters' lag counts for."""
+    longest_lag_s: float
+
+
+class Orders(NamedTuple):
+    """What the law is to do in this tick."""
+
+    engaged: Flags
+    saturated: Flags
+    """The last command gave less than the law asked: nothing may be learnt."""
+    idle: Flags
+    """Not held, and nothing is known of its motion."""
     learns: bool
     watched: bool
     """At full authority: an oscillation is the loop's own."""
+    pace: Vector
+    """Share of the reference's largest rate."""
 
 
-class AxisSample(NamedTuple):
-    """The law's inside, as telemetry has it."""
+class Place(NamedTuple):
+    """Where the command acts: the vehicle, its nominal inertia and drag there, and what is to be done."""
 
-    x_d: float
-    x_d_dot: float
-    x_d_ddot: float
-    x: float
-    x_dot: float
-    e: float
-    e_dot: float
-    eps: float
-    tau: float
-    feedforward: float
-    feedback: float
-    d_hat: float
-    d_observer: float
-    weight_norm: float
-    adapting: bool
+    ahead: Ahead
+    gain: Vector
+    """Force per command over inertia that the law takes it for, relative to the nominal vehicle."""
+    m: Vector
+    k_plus_h: Vector
+    orders: Orders
+
+
+NO_SIGNALS = Signals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_TERMS = Terms(0.0, 0.0, 0.0)
 
 
 def at_rest(axis: Axis, x: float, x_dot: float, d_observer: float) -> AxisMemory:
     """Return the memory of one that stays where the vehicle is, and has learnt nothing."""
     return AxisMemory(
-        reference.start(axis.reference, x, x_dot),
-        oscillation.START,
-        axis.law.initial(axis.law.parameters),
-        axis.compensator.initial(axis.compensator.parameters),
-        observed(axis, d_observer),
-        0.0,
-        1.0,
-        0.0,
-        0.0,
-        False,
+        reference=reference.start(axis.reference, x, x_dot),
+        oscillation=oscillation.START,
+        law=axis.law.initial(axis.law.parameters),
+        learnt=axis.compensator.initial(axis.compensator.parameters),
+        mean_d=observed(axis, d_observer),
+        d_hat=0.0,
+        d_share=1.0,
+        asked=0.0,
+        bias=0.0,
+        seeds=False,
     )
 
 
 def aim(
-    axis: Axis,
-    memory: AxisMemory,
-    target: tuple[float, float, float],
-    pace: float,
-    ahead_s: float,
-    x: float,
-    x_dot: float,
-    delay_s: float,
-    lag_s: float,
-    dt_s: float,
-) -> Aim:
-    """Advance the reference toward where `target` (x, ẋ, ẍ) will be `ahead_s` later; take errors there."""
-    there, there_dot, there_ddot = reference.ahead(target[0], target[1], target[2], ahead_s)
-    desired = reference.step(axis.reference, memory.reference, there, there_dot, there_ddot, pace, dt_s)
-    e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
-    gains = scheduled(axis.gains, delay_s, memory.oscillation.gain_scale, lag_s)
-    return Aim(desired, e, x_dot - desired.x_d_dot, gains)
+    i: int, axis: Axis, memory: AxisMemory, ahead: Ahead, target: Setpoint, orders: Orders, dt_s: float
+) -> Aimed:
+    """Advance the reference toward where the target will be when the command acts; draw back the gains."""
+    if orders.idle[i]:
+        return memory.reference, NO_GAINS
+    there = reference.ahead(target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i], ahead.ahead_s)
+    desired = reference.step(axis.reference, memory.reference, *there, orders.pace[i], dt_s)
+    delay_s, scale = ahead.delay_s + ahead.later_s[i], memory.oscillation.gain_scale
+    return desired, scheduled(axis.gains, delay_s, scale, ahead.longest_lag_s)
 
 
-def step(axis: Axis, memory: AxisMemory, aim: Aim, at: Point, dt_s: float) -> tuple[AxisMemory, AxisSample]:
-    """Return τ and what it is made of."""
-    desired, e, e_dot, gains = aim
-    eps = e_dot + gains.lam * e
-    signals = Signals(e, e_dot, eps, at.x_dot, desired.x_d_dot, desired.x_d_ddot)
-    learnt, d, weight_norm, adapting = disturbance(axis, memory, signals, gains, at, dt_s)
-    mean_d = mean_disturbance(memory.mean_d, d, dt_s)
-    d_hat = scaled_disturbance(mean_d, d, gains.d_share)
-
-    motion = Motion(
-        e,
-        e_dot,
-        at.x_dot,
-        desired.x_d_ddot,
-        at.m / at.gain,
-        at.k_plus_h / at.gain,
-        d_hat,
-        gains.lam,
-        gains.kappa,
-        gains.share,
-        at.free,
-    )
-    law, terms = axis.law.step(axis.law.parameters, memory.law, motion, dt_s)
-    unbiased = terms.feedforward + terms.feedback + terms.d_hat
+def step(
+    i: int, axis: Axis, memory: AxisMemory, aimed: Aimed, at: Place, dt_s: float
+) -> tuple[AxisMemory, Sample]:
+    """Return the memory and τ of degree of freedom `i`, with what it is made of."""
+    if at.orders.idle[i]:
+        return idle(i, axis, memory, at, dt_s)
+    desired, gains = aimed
+    signals = errors(axis, desired, at.ahead.eta[i], at.ahead.eta_dot[i], gains.lam)
+    learnt, mean_d, d_hat, adapting = disturbance(i, axis, memory, signals, gains, at, dt_s)
+    law, terms = axis.law.step(axis.law.parameters, memory.law, moved(i, signals, gains, d_hat, at), dt_s)
     bias = memory.bias * math.exp(-dt_s / BLEND_S)
-    asked = unbiased + bias
-    tau = asked if at.engaged else 0.0
-
-    watched = memory.oscillation
-    if at.watched:
-        believed_s = at.delay_s + oscillation.LOG_GAIN_COUNTS_S * math.log(at.gain)
-        watched = oscillation.step(axis.oscillation, watched, tau, dt_s, believed_s)
-    sample = AxisSample(
-        desired.x_d,
-        desired.x_d_dot,
-        desired.x_d_ddot,
-        at.x,
-        at.x_dot,
-        e,
-        e_dot,
-        eps,
-        tau,
-        terms.feedforward,
-        terms.feedback,
-        terms.d_hat + bias,
-        at.d_observer,
-        weight_norm,
-        adapting,
+    # τ = (k + h + m ẍ_d) + (−m λ ė − m κ ε) + d̂ + bias                            (eq. lei2, and the bias)
+    asked = terms.feedforward + terms.feedback + terms.d_hat + bias
+    tau = asked if at.orders.engaged[i] else 0.0
+    memory = AxisMemory(
+        reference=desired,
+        oscillation=watched(i, axis, memory, tau, at, dt_s),
+        law=law,
+        learnt=learnt,
+        mean_d=mean_d,
+        d_hat=terms.d_hat + bias,
+        d_share=gains.d_share,
+        asked=asked,
+        bias=bias,
+        seeds=False,
     )
-    remembered = AxisMemory(
-        desired, watched, law, learnt, mean_d, terms.d_hat + bias, gains.d_share, asked, bias, False
-    )
-    return remembered, sample
+    return memory, sampled(i, axis, memory, signals, terms, tau, adapting, at)
 
 
-def idle(axis: Axis, memory: AxisMemory, dt_s: float) -> tuple[AxisMemory, AxisSample]:
-    """Keep what was learnt of one that is not held, and whose motion is not known."""
-    desired = memory.reference
-    remembered = AxisMemory(
-        desired,
-        memory.oscillation,
-        memory.law,
-        memory.learnt,
-        mean_disturbance(memory.mean_d, 0.0, dt_s),
-        memory.d_hat,
-        memory.d_share,
-        0.0,
-        0.0,
-        memory.seeds,
-    )
-    weight_norm = axis.compensator.weight_norm(memory.learnt)
-    x_d, x_d_dot, x_d_ddot = desired.x_d, desired.x_d_dot, desired.x_d_ddot
-    return remembered, AxisSample(
-        x_d, x_d_dot, x_d_ddot, x_d, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, weight_norm, False
-    )
+def errors(axis: Axis, desired: reference.State, x: float, x_dot: float, lam: float) -> Signals:
+    """Return e, ė and ε (eq. 2); an angle's error is within half a turn."""
+    e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
+    e_dot = x_dot - desired.x_d_dot
+    return Signals(e, e_dot, e_dot + lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
 
 
 def disturbance(
-    axis: Axis, memory: AxisMemory, signals: Signals, gains: ScheduledGains, at: Point, dt_s: float
+    i: int,
+    axis: Axis,
+    memory: AxisMemory,
+    signals: Signals,
+    gains: ScheduledGains,
+    at: Place,
+    dt_s: float,
 ) -> tuple[Any, float, float, bool]:
-    """Return what the compensator has learnt, d (N; N·m), its weight norm, and whether it learnt."""
+    """Return what the compensator has learnt, the mean of d, d̂ (N; N·m), and whether it learnt."""
     compensator, learnt = axis.compensator, memory.learnt
-    d = observed(axis, at.d_observer)
+    d = observed(axis, at.ahead.disturbance[i])
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
-    learn_s = gains.learning / at.gain * dt_s
-    learnt, found, adapting = compensator.step(
-        compensator.parameters, learnt, signals, learn_s, at.learns and at.free
-    )
-    return learnt, d + found, compensator.weight_norm(learnt), adapting
+    learns, learn_s = at.orders.learns and is_free(i, at.orders), gains.learning / at.gain[i] * dt_s
+    learnt, found, adapting = compensator.step(compensator.parameters, learnt, signals, learn_s, learns)
+    mean_d = mean_disturbance(memory.mean_d, d + found, dt_s)
+    return learnt, mean_d, scaled_disturbance(mean_d, d + found, gains.d_share), adapting
 
 
 def observed(axis: Axis, d_observer: float) -> float:
@@ -236,49 +186,100 @@ def observed(axis: Axis, d_observer: float) -> float:
     return limited(d_observer, axis.max_disturbance) if axis.by_observer else 0.0
 
 
+def is_free(i: int, orders: Orders) -> bool:
+    """Tell whether the law is in force, and got what it asked for."""
+    return orders.engaged[i] and not orders.saturated[i]
+
+
+def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Place) -> Motion:
+    """Return what the law sees."""
+    return Motion(
+        e=signals.e,
+        e_dot=signals.e_dot,
+        x_dot=signals.x_dot,
+        x_d_ddot=signals.x_d_ddot,
+        m=at.m[i] / at.gain[i],
+        k_plus_h=at.k_plus_h[i] / at.gain[i],
+        d_hat=d_hat,
+        lam=gains.lam,
+        kappa=gains.kappa,
+        share=gains.share,
+        free=is_free(i, at.orders),
+    )
+
+
+def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s: float) -> oscillation.State:
+    """Look for an oscillation of the loop's own."""
+    if not at.orders.watched:
+        return memory.oscillation
+    believed_s = at.ahead.delay_s + at.ahead.later_s[i] + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
+    return oscillation.step(axis.oscillation, memory.oscillation, tau, dt_s, believed_s)
+
+
+def sampled(
+    i: int,
+    axis: Axis,
+    memory: AxisMemory,
+    signals: Signals,
+    terms: Terms,
+    tau: float,
+    adapting: bool,
+    at: Place,
+) -> Sample:
+    """Return the law's inside, as telemetry has it."""
+    desired = memory.reference
+    x, d_hat, d_observer = desired.x_d, 0.0, 0.0
+    if not at.orders.idle[i]:
+        x, d_hat, d_observer = at.ahead.eta[i], memory.d_hat, at.ahead.disturbance[i]
+    return DofSample(
+        x_d=desired.x_d,
+        x_d_dot=desired.x_d_dot,
+        x_d_ddot=desired.x_d_ddot,
+        x=x,
+        x_dot=signals.x_dot,
+        e=signals.e,
+        e_dot=signals.e_dot,
+        eps=signals.eps,
+        tau=tau,
+        feedforward=terms.feedforward,
+        feedback=terms.feedback,
+        d_hat=d_hat,
+        d_observer=d_observer,
+        weight_norm=axis.compensator.weight_norm(memory.learnt),
+        saturated=at.orders.saturated[i],
+        adapting=adapting,
+        engaged=at.orders.engaged[i],
+    )
+
+
+def idle(i: int, axis: Axis, memory: AxisMemory, at: Place, dt_s: float) -> tuple[AxisMemory, Sample]:
+    """Keep what was learnt of one that is not held, and whose motion is not known."""
+    mean_d = mean_disturbance(memory.mean_d, 0.0, dt_s)
+    memory = memory._replace(mean_d=mean_d, asked=0.0, bias=0.0)
+    return memory, sampled(i, axis, memory, NO_SIGNALS, NO_TERMS, 0.0, False, at)
+
+
 def caught_up(axis: Axis, memory: AxisMemory, x: float, x_dot: float) -> AxisMemory:
     """Start the reference again where the vehicle is, with its rate."""
-    return _with(memory, reference.start(axis.reference, x, x_dot), memory.oscillation, memory.mean_d)
+    return memory._replace(reference=reference.start(axis.reference, x, x_dot))
 
 
-def without(memory: AxisMemory, lost: float) -> AxisMemory:
+def without_thrust(memory: AxisMemory, lost: float) -> AxisMemory:
     """Take from d̂ what a motor was believed to give; the step that this makes is no oscillation."""
-    seen = memory.oscillation
-    later = oscillation.State(
-        seen.gain_scale, seen.ceiling, seen.slow - lost, seen.power, seen.lasts_s, seen.delay_s
-    )
-    return _with(memory, memory.reference, later, memory.mean_d - lost)
-
-
-def _with(memory: AxisMemory, desired: reference.State, seen: oscillation.State, mean_d: float) -> AxisMemory:
-    return AxisMemory(
-        desired,
-        seen,
-        memory.law,
-        memory.learnt,
-        mean_d,
-        memory.d_hat,
-        memory.d_share,
-        memory.asked,
-        memory.bias,
-        memory.seeds,
-    )
+    seen = memory.oscillation._replace(slow=memory.oscillation.slow - lost)
+    return memory._replace(oscillation=seen, mean_d=memory.mean_d - lost)
 
 
 def taken_over(old: Axis, axis: Axis, memory: AxisMemory) -> AxisMemory:
     """Go on with another law or other gains.
 
-    Whoever learns goes on with what was learnt, or with the d̂ of whoever served before.
+    What learns goes on with what was learnt, or with the d̂ of what served before.
     """
-    known = {chosen.step: state for chosen, state in several.members(old.compensator, memory.learnt)}
-    fresh = axis.compensator.initial(axis.compensator.parameters)
-    members = several.members(axis.compensator, fresh)
+    learner, keeps = axis.compensator, axis.compensator.step is old.compensator.step
     return memory._replace(
         law=memory.law if old.law.step is axis.law.step else axis.law.initial(axis.law.parameters),
-        learnt=several.rejoined(
-            axis.compensator, [known.get(chosen.step, state) for chosen, state in members]
-        ),
-        seeds=bool(members) and not any(chosen.step in known for chosen, _ in members),
+        learnt=memory.learnt if keeps else learner.initial(learner.parameters),
+        seeds=not keeps and learner.step is not NO_COMPENSATOR.step,
     )
 
 

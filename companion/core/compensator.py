@@ -15,11 +15,8 @@ A key is one of the axis (`heave.learning_rate`), or of the compensator's own ta
 Where Parameters are made of keys and not keys themselves, `parameters(values)` makes them: see `network.py`.
 Among the values is BESIDE_OBSERVER: whether the observer's d is fed back beside the compensator.
 
-The lab compiles these functions with numba: so only `math`, floats, ints, bools, tuples, lists of floats.
-
 All learn by the same conventions, which `dead_zone_error` holds: leak, dead zone on ε, projection |d̂| ≤ d_max
-without pushing further outward, freeze where not allowed. The extended-state observer's d comes with the
-vehicle's state and needs no file.
+without pushing further outward, freeze where not allowed. The observer's d comes with the vehicle's state.
 """
 
 from collections.abc import Callable
@@ -81,3 +78,21 @@ def inputs(signals: Signals) -> Inputs:
         5.0 * signals.x_d_dot,
         5.0 * signals.x_d_ddot,
     )
+
+
+def _none(parameters: float) -> float:
+    return 0.0
+
+
+def _silent(
+    parameters: float, state: float, signals: Signals, learn_s: float, adapt: bool
+) -> tuple[float, float, bool]:
+    return 0.0, 0.0, False
+
+
+def _deaf(parameters: float, state: float, signals: Signals, d_hat: float) -> float:
+    return 0.0
+
+
+NO_COMPENSATOR = ChosenCompensator(_none, _silent, _deaf, _none, 0.0)
+"""It knows nothing and never learns."""

@@ -1,4 +1,4 @@
-"""The Lyapunov-based law of the paper, for a system of any order and for one degree of freedom of an ROV.
+"""The Lyapunov-based law of the paper for one degree of freedom.
 
 Another law may take its place on an axis: one file, which defines, as this one does,
 
@@ -7,65 +7,20 @@ Another law may take its place on an axis: one file, which defines, as this one 
     initial      State at rest, from Parameters
     step         State and Terms after one tick of Motion
 
-The lab compiles these functions with numba: so only `math`, floats, ints, bools, tuples, lists of floats.
-
-The general law takes a sequence of n errors; each a float, or an array of as many as the paper's study has.
-
 | symbol  | meaning                                          | unit (heave; yaw)    | source      |
 |---------|--------------------------------------------------|----------------------|-------------|
-| x_tilde | tracking error [x̃, x̃', …, x̃^(n-1)], measured − desired | m, m/s, …      | sec. 2      |
+| e       | x̃ = x − x_d, x where the next command acts       | m; rad               | sec. 2      |
 | lam     | λ, the slope of the error surface                | 1/s                  | eq. 2       |
-| c       | binomial coefficients with powers of λ           | –                    | eqs. 2, 3   |
-| eps     | ε = cᵀ x̃, the combined error                     | m/s; rad/s           | eq. 2       |
+| eps     | ε = ė + λ e, the combined error                  | m/s; rad/s           | eq. 2       |
 | kappa   | κ, how fast ε decays                             | 1/s                  | eq. 5       |
-| f, b, d | drift, input gain, disturbance of x^(n) = f + b u + d |                 | eq. 1       |
-| m       | m̄, inertia with added mass                      | kg; kg·m²            | eq. rov     |
+| m       | m̄, inertia with added mass                       | kg; kg·m²            | eq. rov     |
 | k, h    | Coriolis and damping forces                      | N; N·m               | eq. rov     |
 | d_hat   | d̂, estimated disturbance, m ẍ = τ − k − h − d    | N; N·m               | eq. ann     |
 | tau     | τ, the control force                             | N; N·m               | eq. lei2    |
 """
 
-from collections.abc import Callable, Sequence
-from math import comb
-from typing import Any, NamedTuple, TypeVar
-
-from companion.records import Array
-
-NumberT = TypeVar("NumberT", float, Array)
-
-
-def error_coefficients(n: int, lam: float) -> list[float]:
-    """Return c = [c_{n-1} λ^{n-1}, …, c_1 λ, c_0] (eqs. 2 and 3) of a system of order n."""
-    return [comb(n - 1, i) * lam**i for i in range(n - 1, -1, -1)]
-
-
-def combined_error(x_tilde: Sequence[NumberT], lam: float) -> NumberT:
-    """Return ε = cᵀ x̃ (eq. 2)."""
-    return _weighted(error_coefficients(len(x_tilde), lam), x_tilde)
-
-
-def control_law(
-    f: NumberT,
-    b: NumberT,
-    d: NumberT,
-    x_d_n: NumberT,
-    x_tilde: Sequence[NumberT],
-    lam: float,
-    kappa: float,
-) -> NumberT:
-    """Return u = (−f − d + x_d^(n) − c̄ᵀ x̃ − κ ε) / b (eq. 5).
-
-    c̄ = [0, c_{n-1} λ^{n-1}, …, c_1 λ] (eq. 4). `b` must not be zero.
-    """
-    c_bar = [0.0, *error_coefficients(len(x_tilde), lam)[:-1]]
-    return (-f - d + x_d_n - _weighted(c_bar, x_tilde) - kappa * combined_error(x_tilde, lam)) / b
-
-
-def _weighted(c: Sequence[float], x: Sequence[NumberT]) -> NumberT:
-    total = c[0] * x[0]
-    for i in range(1, len(c)):
-        total = total + c[i] * x[i]
-    return total
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 
 class Terms(NamedTuple):
@@ -86,13 +41,13 @@ def rov_law(
     lam: float,
     kappa: float,
 ) -> Terms:
-    """Return the terms of τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε, with ε = ė + λ e (eqs. lei1, lei2).
+    """Return the terms of τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε (eqs. lei1, lei2).
 
-    It is `control_law` for n = 2, f = −(k + h)/m, b = 1/m. The paper prints the last term as −κ ε; its own
-    general law (eq. 5) divides by b and so gives −m κ ε, the only form with which its figures hold.
+    It is eq. 5 for n = 2, f = −(k + h)/m, b = 1/m. The paper prints the last term as −κ ε; eq. 5 divides by b
+    and so gives −m κ ε, the only form with which its figures hold.
     """
     eps = e_dot + lam * e
-    return Terms(k_plus_h + m * x_d_ddot, -m * (lam * e_dot + kappa * eps), d_hat)
+    return Terms(feedforward=k_plus_h + m * x_d_ddot, feedback=-m * (lam * e_dot + kappa * eps), d_hat=d_hat)
 
 
 class Motion(NamedTuple):
@@ -119,16 +74,8 @@ class Motion(NamedTuple):
 
 def law_with(motion: Motion, d_hat: float) -> Terms:
     """Return the terms of `rov_law` for a motion, with a d̂ of one's own."""
-    return rov_law(
-        motion.k_plus_h,
-        d_hat,
-        motion.m,
-        motion.x_d_ddot,
-        motion.e,
-        motion.e_dot,
-        motion.lam,
-        motion.kappa,
-    )
+    e, e_dot, _, x_d_ddot, m, k_plus_h, _, lam, kappa, _, _ = motion
+    return rov_law(k_plus_h, d_hat, m, x_d_ddot, e, e_dot, lam, kappa)
 
 
 class ChosenLaw(NamedTuple):

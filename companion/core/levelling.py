@@ -33,6 +33,7 @@ from typing import NamedTuple
 
 from companion.core import oscillation
 from companion.core.bounds import clamped, limited
+from companion.core.schedule import LEAST_DELAY_S
 
 FILTER_S = 0.05
 INTEGRAL = 0.2
@@ -51,8 +52,6 @@ more than its time: the one that ends a large tilt is none of the loop's own."""
 
 PUSHED_S = 1.0
 """The mean of a push is taken over this time: a current's, not the waves'."""
-
-MIN_DELAY_S = 1e-3
 
 SLOW_S, MEMORY_S = 1.0, 20.0
 """Moment and force are compared over SLOW_S, for levelling is quicker, and remembered for MEMORY_S."""
@@ -78,6 +77,35 @@ class Levelling(NamedTuple):
     munk_m: float
     """μ, m."""
     oscillation: oscillation.Parameters
+
+
+class Response(NamedTuple):
+    """How what levels answers: the thrusters of heave do, and are taken to do it as they do in heave."""
+
+    delay_s: float
+    """From sensor to motor."""
+    gain: float
+    """Relative to the nominal vehicle: its inertia is I/gain."""
+    lag_s: float
+    """τ; thrusters quicker than the nominal ones are led less."""
+    adapts: bool
+    """Whether what was found of z is used."""
+
+
+class Turn(NamedTuple):
+    """What roll or pitch is to answer."""
+
+    angle: float
+    rate: float
+    """φ and p, or θ and q."""
+    force: float
+    """Y, or X."""
+    moment: float
+    """Asked for beside what levels (`attitude`), N·m."""
+    learns: bool
+    """The integral may move, and an oscillation is the loop's own."""
+    straight: bool
+    """Only then z is found."""
 
 
 class Lever(NamedTuple):
@@ -109,19 +137,19 @@ class LevellingState(NamedTuple):
     lever: Lever
 
 
-NO_LEVER = Lever(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_LEVER = Lever(lever_m=0.0, moment=0.0, force=0.0, ones=0.0, f=0.0, ff=0.0, m=0.0, mf=0.0)
 START = LevellingState(0.0, math.nan, oscillation.START, 0.0, NO_LEVER)
 """No integral, no rate of change known, nothing pushed, nothing found."""
 
 
 def rested(state: LevellingState) -> LevellingState:
     """Return START with what was found."""
-    return LevellingState(0.0, math.nan, oscillation.START, 0.0, state.lever)
+    return START._replace(lever=state.lever)
 
 
-def trimmed(state: LevellingState, more: float) -> LevellingState:
-    """Return the state whose integral holds so much more, rad/s²."""
-    return LevellingState(state.integral + more, state.slow, state.oscillation, state.pushed_n, state.lever)
+def trimmed(levelling: Levelling, state: LevellingState, moment: float) -> LevellingState:
+    """Return the state whose integral asks for so much less moment, N·m."""
+    return state._replace(integral=state.integral + moment / levelling.inertia)
 
 
 def levelling_of(
@@ -144,56 +172,39 @@ NO_LEVELLING = levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def step(
-    levelling: Levelling,
-    state: LevellingState,
-    angle: float,
-    rate: float,
-    force: float,
-    delay_s: float,
-    dt_s: float,
-    learn: bool,
-    gain: float,
-    lag_s: float,
-    adapts: bool,
-    beside: float = 0.0,
-    level: bool = True,
+    levelling: Levelling, state: LevellingState, turn: Turn, response: Response, dt_s: float
 ) -> tuple[LevellingState, float]:
-    """Return K for φ, p and the force Y, or M for θ, q and X; `delay_s` from sensor to motor.
-
-    `beside` is a moment that is asked for beside these (`attitude`); the lever is found while it is `level`.
-
-    `learn` allows the integral to move; it stands where the moment is at its bound. A roll or pitch that
-    oscillates by itself lowers ω. A vehicle of `gain` times the nominal one has I/gain, and thrusters quicker
-    than the nominal ones τ = `lag_s`. Where it `adapts`, z is what was found of it.
-    """
-    inertia = levelling.inertia / gain
-    lead = max(min(lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
-    frequency = levelling.frequency_radps * state.oscillation.gain_scale
-    late_s = max(delay_s, MIN_DELAY_S) / state.oscillation.gain_scale
-    omega, most = min(frequency, DELAY_PHASE_RAD / late_s), min(frequency, STIFFNESS_PHASE_RAD / late_s)
-    pushed_n = state.pushed_n + (force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
-    munk = 2.0 * levelling.munk_m * abs(pushed_n) / levelling.inertia
-    stiffness = min(omega * omega + munk, most * most)
-    ahead = angle + delay_s * rate
-    a = stiffness * ahead + 2.0 * omega * rate
+    """Return K, or M; the integral stands where the moment is at its bound."""
+    pushed_n = state.pushed_n + (turn.force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
+    omega, stiffness = softened(levelling, state.oscillation.gain_scale, pushed_n, response.delay_s)
+    inertia = levelling.inertia / response.gain
+    lead = max(min(response.lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
+    ahead = turn.angle + response.delay_s * turn.rate
+    a = stiffness * ahead + 2.0 * omega * turn.rate
     slow = a if math.isnan(state.slow) else state.slow
     slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
     feedback = -inertia * (a + lead * (a - slow))
-    trim = INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
-    trimmed = state.integral + trim if learn else state.integral
-    lever_m = lever_in_use_m(levelling, state, adapts)
-    moment = lever_m * force + feedback - inertia * trimmed + beside
-    integral = trimmed if abs(moment) <= levelling.max_moment_nm else state.integral
-    watched = state.oscillation
-    if learn:
-        watched = oscillation.step(levelling.oscillation, watched, feedback, dt_s, 0.0)
+
+    integral, seen, lever = state.integral, state.oscillation, state.lever
+    if turn.learns:
+        integral += INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
+        seen = oscillation.step(levelling.oscillation, seen, feedback, dt_s, 0.0)
+    lever_m = lever_in_use_m(levelling, state, response.adapts)
+    moment = lever_m * turn.force + feedback - inertia * integral + turn.moment
+    if not abs(moment) <= levelling.max_moment_nm:
+        integral = state.integral
     moment = limited(moment, levelling.max_moment_nm)
-    lever = (
-        levers(state.lever, moment - levelling.lever_m * force, force, dt_s)
-        if learn and level
-        else state.lever
-    )
-    return LevellingState(integral, slow, watched, pushed_n, lever), moment
+    if turn.learns and turn.straight:
+        lever = levers(lever, moment - levelling.lever_m * turn.force, turn.force, dt_s)
+    return LevellingState(integral, slow, seen, pushed_n, lever), moment
+
+
+def softened(levelling: Levelling, share: float, pushed_n: float, delay_s: float) -> tuple[float, float]:
+    """Return ω and c for the share that an oscillation leaves of ω, the mean push, and the delay."""
+    frequency, late_s = levelling.frequency_radps * share, max(delay_s, LEAST_DELAY_S) / share
+    omega, most = min(frequency, DELAY_PHASE_RAD / late_s), min(frequency, STIFFNESS_PHASE_RAD / late_s)
+    munk = 2.0 * levelling.munk_m * abs(pushed_n) / levelling.inertia
+    return omega, min(omega * omega + munk, most * most)
 
 
 def lever_in_use_m(levelling: Levelling, state: LevellingState, adapts: bool) -> float:

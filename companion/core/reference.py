@@ -15,7 +15,7 @@ with T_v = 4 T_a and ω T_v = 1/4, so that neither rate nor position overshoots 
 | x_d, x_d_dot, …       | the reference and its derivatives                          | m, m/s, …; rad, …    |
 | target, target_dot, … | what is asked for, and its own motion                      | m, m/s, …; rad, …    |
 | delta                 | δ                                                          | m; rad               |
-| pace                  | s, the share of v_max that is left (`pace.py`)             | 0..1                 |
+| pace                  | s, the share of v_max that is left (`tilt.pace`)           | 0..1                 |
 """
 
 import math

@@ -8,14 +8,16 @@ import math
 from typing import NamedTuple
 
 from companion.core import actuation, controller, levelling, observers, thruster_watch
-from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilting
+from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilt
 from companion.core.allocation import ByAxis
-from companion.core.controller import Ahead, Control, ControlMemory, Samples
+from companion.core.axis import Ahead, Orders
+from companion.core.controller import Control, ControlMemory, Samples
+from companion.core.levelling import Response
 from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
-from companion.records import PSI, Axes, Flags, Vector, VehicleModel, X, Y, Z, without
+from companion.records import PSI, Axes, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
@@ -47,7 +49,7 @@ class Known(NamedTuple):
     inputs: Inputs
     motion: Motion
     ahead: Ahead
-    tilt: Tilting
+    tilt: Tilt
     model: VehicleModel
     dead_motor: int
 
@@ -61,8 +63,6 @@ class Demand(NamedTuple):
     samples: Samples
     requested: Vector
     """The law's body wrench, N and N·m."""
-    saturated: Flags
-    """By degree of freedom, whether the last command gave less than the law asked."""
     axes: Axes
     finite: bool
 
@@ -92,7 +92,7 @@ def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Mem
         )
         lost_ned = to_inertial(jacobian(known.ahead.eta[PSI]), lost)
         observed = observers.without(observed, lost_ned)
-        controlled = controller.without(controlled, lost_ned)
+        controlled = controller.without_thrust(controlled, lost_ned)
     return Memory(observed, controlled, actuated, limits, watch, ticks), known
 
 
@@ -110,22 +110,19 @@ def control(
     dt_s: float,
 ) -> tuple[Memory, Demand]:
     """Return what the law and the thrusters' allocation make of it, as far as it is permitted."""
-    ahead, engaged, saturated = known.ahead, wanted.engaged, memory.actuated.saturated
+    ahead, full = known.ahead, permission.authority >= 1.0
     J = jacobian(ahead.eta[PSI])
-    full = permission.authority >= 1.0
+    orders = Orders(
+        engaged=wanted.engaged,
+        saturated=memory.actuated.saturated,
+        idle=without(known.inputs.stale, wanted.engaged),
+        learns=full and not permission.freeze,
+        watched=full,
+        pace=memory.limits.pace,
+    )
+    controlled = begun(parameters.control, memory.controlled, permission, ahead)
     controlled, samples = controller.step(
-        parameters.control,
-        begun(parameters.control, memory.controlled, permission, ahead),
-        ahead,
-        J,
-        wanted.target,
-        memory.limits.pace,
-        engaged,
-        without(engaged, saturated),
-        without(known.inputs.stale, engaged),
-        full and not permission.freeze,
-        full,
-        dt_s,
+        parameters.control, controlled, ahead, J, wanted.target, orders, dt_s
     )
     requested = wrench(J, samples, permission.excitation)
     away_m = distance_m(ahead.eta, controlled)
@@ -136,7 +133,7 @@ def control(
         parameters.control, controlled, limits.off_track, ahead.eta, ahead.eta_dot
     )
     finite = math.isfinite(requested[0] + requested[1] + requested[2] + requested[3])
-    demand = Demand(known, permission, wanted, samples, requested, saturated, axes, finite)
+    demand = Demand(known, permission, wanted, samples, requested, axes, finite)
     return Memory(memory.observed, controlled, actuated, limits, memory.watch, memory.watch_ticks), demand
 
 
@@ -147,7 +144,7 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     given_ned = to_inertial(jacobian(demand.known.ahead.eta[PSI]), given)
     watch, ticks = memory.watch, memory.watch_ticks
     if parameters.actuation.levels:
-        pushed = levers(parameters.actuation, actuated, tilt.adapts)
+        pushed = levers(parameters.actuation, actuated, tilt.response.adapts)
         watch, ticks = watched(parameters, watch, ticks, inputs, demand.permission, applied, pushed)
     return Memory(
         observed=observers.sent(memory.observed, inputs.now_s, given_ned),
@@ -181,17 +178,20 @@ def known_of(
         later_s=model.dof_later_s,
         longest_lag_s=model.longest_lag_s,
     )
-    tilt = Tilting(
+    response = Response(
+        delay_s=delay_s + model.dof_later_s[Z],
+        gain=levelling_gain(model) if adapts else 1.0,
+        lag_s=model.lag_s[Z],
+        adapts=adapts,
+    )
+    tilt = Tilt(
         roll=roll,
         pitch=pitch,
         p=p if turns else 0.0,
         q=q if turns else 0.0,
         turn_radps=motion.eta_dot_ahead[PSI],
         voltage_v=inputs.voltage_v,
-        delay_s=delay_s + model.dof_later_s[Z],
-        gain=levelling_gain(model) if adapts else 1.0,
-        lag_s=model.lag_s[Z],
-        adapts=adapts,
+        response=response,
     )
     return Known(inputs, motion, ahead, tilt, model, dead_motor)
 

@@ -42,6 +42,9 @@ AHEAD_S = 0.3
 LEAST_PACE = 0.2
 """The reference never stands still: a vehicle that hangs askew for good still comes up."""
 
+SLOW_DOWN_S, RECOVER_S = 0.5, 4.0
+"""How fast the pace of a degree of freedom falls while it saturates, and comes back."""
+
 PART_FROM_RAD, PART_WHOLE_RAD = math.radians(4.0), math.radians(10.0)
 MIN_COS = 0.5
 
@@ -151,3 +154,19 @@ def step(limit: TiltLimit, state: TiltState, tilt: float, pushed_n: float, dt_s:
 def allowed_n(state: TiltState, tilt: float) -> float:
     """Return the largest horizontal force (N) that is allowed at a tilt (rad)."""
     return state.limit_n * share(tilt)
+
+
+def pace(before: float, saturated: bool, dt_s: float) -> float:
+    """Return the share of a reference's largest rate that is left after a tick, LEAST_PACE..1.
+
+    A target that is far away is approached with this rate, which against a current, with a load or on a
+    tilted vehicle can be more than it bears. What saturates is slowed: it arrives later and not aslant.
+    """
+    slower = before * math.exp(-dt_s / SLOW_DOWN_S)
+    return clamped(slower if saturated else before + dt_s / RECOVER_S, LEAST_PACE, 1.0)
+
+
+def slowed(pace: float, tilt_share: float) -> float:
+    """Return what a tilt leaves of a pace in x, y or z; `tilt_share` (0..1) is what it leaves of thrust."""
+    most = LEAST_PACE if tilt_share < LEAST_PACE else tilt_share
+    return most if pace > most else pace

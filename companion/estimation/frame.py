@@ -19,13 +19,13 @@ stays where it was known to be.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from companion.core.bounds import wrap
 from companion.core.positioning import jacobian, to_body, to_inertial
-from companion.records import Current, DofSample, Setpoint, Vector, VehicleState
+from companion.records import Current, Dofs, Setpoint, Vector, VehicleState
 
 RESET_M = 1.0
 """Jumps that come to more are a reset: what is wanted stays where it lies."""
@@ -154,13 +154,13 @@ class Frame(NamedTuple):
             current=Current(north_mps, east_mps, current.doubt_mps),
         )
 
-    def reported_dofs(self, dofs: DofSample) -> DofSample:
+    def reported_dofs(self, dofs: Dofs) -> Dofs:
         """Return in the EKF's frame what is inside the law. What has no direction stays with its axis."""
         now = self.now
         if now == HERE:
             return dofs
-        turned = {name: now.outward(getattr(dofs, name)) for name in DIRECTED}
-        return replace(dofs, x_d=now.outside(dofs.x_d), x=now.outside(dofs.x), **turned)
+        turned: Any = {name: now.outward(getattr(dofs, name)) for name in DIRECTED}
+        return dofs._replace(x_d=now.outside(dofs.x_d), x=now.outside(dofs.x), **turned)
 
 
 HERE = Offset()

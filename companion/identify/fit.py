@@ -1,13 +1,12 @@
-"""The vehicle that predicts a table best over windows of 1 and 2 s, with its doubt. No files, no clock.
+"""The vehicle that predicts tables best over windows of 1 and 2 s, with its doubt. No files, no clock.
 
 Minimises Σ (1 − R²) of the change of velocity, over axes and horizons (Levenberg, Marquardt). Nothing is
 differentiated, and a window starts from what was measured: what a tether did before does not count. The doubt
-is the sandwich estimator with the gradient summed over BLOCK_S: the errors of windows that overlap, and those
-of a tether, are correlated (Newey and West, Econometrica, 1987).
+leaves out blocks of BLOCKS_S: the errors of windows that overlap, and those of a tether, are correlated.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -17,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import VehicleFile
-from companion.identify import model, tilt
+from companion.identify import model
 from companion.identify.least_squares import Bounds, Found, jackknife, least_squares
 from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
-from companion.records import AXES, Array
+from companion.records import AXES, PSI, Array, X, Y
 
 START_SIZES: Final = (0.5, 1.0, 2.5)
 START_LAG_S, START_START_S = 0.06, 0.1
@@ -69,8 +68,6 @@ class Fit:
     """1 − R² of each axis over 2 s, on these tables."""
     unexplained_before: tuple[float, ...]
     """The same of the base's parameters."""
-    tilt: dict[str, tuple[float, float]]
-    """Keys of `[levelling]` with standard deviations."""
     manoeuvre: bool
     """Whether Holdfast itself moved it: the delay is then that of its link, too, and in no file."""
 
@@ -113,23 +110,13 @@ class Fit:
         return float(row @ self.theta), math.sqrt(max(float(row @ self.covariance @ row), 0.0))
 
 
-def fit(
-    tracks: Sequence[Track],
-    base: VehicleFile,
-    progress: Callable[[float], None] = lambda share: None,
-    excited: Sequence[int] | None = None,
-) -> Fit:
+def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | None = None) -> Fit:
     """Fit the model to tables, from `base` on, whose values stay where the tables tell nothing.
 
-    Args:
-        tracks: the tables.
-        base: where it begins.
-        progress: is told a share of 1.
-        excited: the axes that a manoeuvre moved. Its commands and stamps are exact: dead band and lateness of
-            the vertical speed's stamp are found, too. None: a log, in which any axis may have moved.
+    `excited` are the axes that a manoeuvre moved, whose commands and stamps are exact: the dead band is
+    found, too. None: logs, in which any axis may have moved.
 
     Raises NoDiveError where no axis was measured and moved.
-
     """
     moving = model.moved(tracks)
     if excited is not None:
@@ -141,23 +128,11 @@ def fit(
     least, most = model.LEAST.copy(), model.MOST.copy()
     for number, bounds in EXACT.items() if excited is not None else ():
         least[number], most[number] = bounds
-
-    def bounds_at(theta: Array) -> Bounds:
-        """Let no inertia change much at once."""
-        low, high = least.copy(), most.copy()
-        low[:4] = np.maximum(least[:4], 0.4 * theta[0, :4])
-        high[:4] = np.minimum(most[:4], 2.5 * theta[0, :4])
-        return low, high
-
     thinned = [Track(track.table, track.frame, model.EVERY) for track in tracks]
-    parts = model.residuals(thinned, moving)
-    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
-    theta = min(starts, key=lambda start: sum(float(np.sum(part(start) ** 2)) for part in parts))
-    found = least_squares(parts, theta, (shared, own), model.STEPS, bounds_at, progress, model.PULL)
-    theta = found.theta
-    numbers = [*shared, *own]
+    found = _searched(thinned, moving, base, (shared, own), (least, most))
+    theta, numbers = found.theta, [*shared, *own]
     covariance, sigma = np.zeros((model.LEAST.size, model.LEAST.size)), np.full(model.LEAST.size, np.nan)
-    covariance[np.ix_(numbers, numbers)] = _covariance(found, thinned)
+    covariance[np.ix_(numbers, numbers)] = _covariance(found, thinned, len(numbers))
     sigma[numbers] = np.sqrt(np.diag(covariance)[numbers])
     bound = (theta <= least + 1e-4) | (theta >= most - 1e-4)
     velocities = np.concatenate([track.table.velocity[:, model.BODY] for track in tracks])
@@ -173,18 +148,39 @@ def fit(
         speeds=tuple(speeds.tolist()),
         unexplained=tuple(model.unexplained(tracks, theta)[-1].tolist()),
         unexplained_before=tuple(model.unexplained(tracks, before)[-1].tolist()),
-        tilt=tilt.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
 
 
-def _covariance(found: Found, tracks: Sequence[Track]) -> Array:
-    """Return the covariance of the shared parameters and of the first table's own."""
-    places, covariances = found.columns[0], list[Array]()
+def _searched(
+    tracks: Sequence[Track],
+    moving: NDArray[np.bool_],
+    base: VehicleFile,
+    free: tuple[list[int], list[int]],
+    bounds: Bounds,
+) -> Found:
+    """Search from the best of some starts on; no inertia changes much in a round."""
+    least, most = bounds
+
+    def bounds_at(theta: Array) -> Bounds:
+        low, high = least.copy(), most.copy()
+        low[:4] = np.maximum(least[:4], 0.4 * theta[0, :4])
+        high[:4] = np.minimum(most[:4], 2.5 * theta[0, :4])
+        return low, high
+
+    parts = model.residuals(tracks, moving)
+    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
+    theta = min(starts, key=lambda start: sum(float(np.sum(part(start) ** 2)) for part in parts))
+    return least_squares(parts, theta, free, model.STEPS, bounds_at, model.PULL)
+
+
+def _covariance(found: Found, tracks: Sequence[Track], count: int) -> Array:
+    """Return the covariance of the first `count` parameters: the shared ones and the first table's own."""
+    covariances = list[Array]()
     for block_s in BLOCKS_S:
         blocks = [1e6 * k + track.table.t_s[track.first] // block_s for k, track in enumerate(tracks)]
         if not covariances or sum(np.unique(block).size for block in blocks) >= MIN_BLOCKS:
-            covariances.append(jackknife(found, blocks)[np.ix_(places, places)])
+            covariances.append(jackknife(found, blocks)[:count, :count])
     variances = np.array([np.diag(covariance) for covariance in covariances])
     larger = np.sqrt(variances.max(axis=0) / np.maximum(variances[0], 1e-300))
     return np.asarray(covariances[0] * np.outer(larger, larger))
@@ -207,44 +203,16 @@ def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]
             notes[f"{section}.{key}"] = f"sd {sigma:.2g}"
         else:
             notes[f"{section}.{key}"] = f"not identified; found {value:.3g}, sd {sigma:.2g}"
-    for key in tilt.NAMES:
-        value, sigma = found.tilt.get(key, (math.nan, math.nan))
-        if value == value:
-            table["levelling"][key] = float(f"{value:.3g}")
-            notes[f"levelling.{key}"] = f"sd {sigma:.2g}"
-        else:
-            notes[f"levelling.{key}"] = "not identified"
     return msgspec.convert(table, VehicleFile), notes
 
 
 def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
     """Say what was found, beside what `base` says, and what a better record would need."""
-    before = parameters(base)
     for axis, name in enumerate(AXES):
-        if not found.axes[axis]:
+        if found.axes[axis]:
+            yield _axis_words(found, parameters(base), axis)
+        else:
             yield f"{name}: not measured, or it did not move: the base's numbers stay; {_needs(axis)}"
-            continue
-        speed, unit = found.speeds[axis], "rad/s" if name == "yaw" else "m/s"
-        drag, doubt = found.damping_at(axis)
-        believed = before[model.LINEAR + axis] * speed + before[model.QUADRATIC + axis] * speed**2
-        inertia, sigma = found.sum_of(model.MASS + axis)
-        text = (
-            f"{name}: inertia {inertia:.3g} (sd {sigma:.2g}, before {before[model.MASS + axis]:.3g}), "
-            f"damping at {speed:.2f} {unit} {drag:.3g} (sd {doubt:.2g}, before {believed:.3g})"
-        )
-        if found.unexplained[axis] >= MAX_UNEXPLAINED:
-            text += f"; {found.unexplained[axis]:.0%} of its change is not explained"
-        elif not found.known(axis) or not found.apart(axis):
-            text += f"; inertia and damping cannot be told apart well; {_needs(axis)}"
-        elif found.manoeuvre and found.unexplained[axis] > CALM:
-            text += (
-                f"; {found.unexplained[axis]:.1%} of its change is not explained: if there were waves or a "
-                "current, its inertia is found too large"
-            )
-        if not found.known(axis):
-            left = f"the base leaves {found.unexplained_before[axis]:.1%} of its change"
-            text += f"; taken all the same: {left}" if found.taken(axis) else "; the base's numbers stay"
-        yield text
     lag, start, delay = (1e3 * found.theta[i] for i in (model.LAG, model.START, model.DELAY))
     late_s, doubt_s = found.sum_of(model.LAG, model.START, model.DELAY)
     yield (
@@ -265,14 +233,33 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
         )
     if found.axes[2]:
         yield f"net buoyancy {-found.theta[model.WEIGHT]:.2f} N (sd {found.sigma[model.WEIGHT]:.2g})"
-    if not found.tilt:
-        yield f"roll and pitch: not identified; {_needs(len(AXES))}"
+
+
+def _axis_words(found: Fit, before: Array, axis: int) -> str:
+    speed, unexplained, unit = found.speeds[axis], found.unexplained[axis], "rad/s" if axis == PSI else "m/s"
+    drag, doubt = found.damping_at(axis)
+    believed = before[model.LINEAR + axis] * speed + before[model.QUADRATIC + axis] * speed**2
+    inertia, sigma = found.sum_of(model.MASS + axis)
+    text = (
+        f"{AXES[axis]}: inertia {inertia:.3g} (sd {sigma:.2g}, before {before[model.MASS + axis]:.3g}), "
+        f"damping at {speed:.2f} {unit} {drag:.3g} (sd {doubt:.2g}, before {believed:.3g})"
+    )
+    if unexplained >= MAX_UNEXPLAINED:
+        text += f"; {unexplained:.0%} of its change is not explained"
+    elif not found.known(axis) or not found.apart(axis):
+        text += f"; inertia and damping cannot be told apart well; {_needs(axis)}"
+    elif found.manoeuvre and unexplained > CALM:
+        text += (
+            f"; {unexplained:.1%} of its change is not explained: waves and currents make inertia too large"
+        )
+    if not found.known(axis):
+        left = f"the base leaves {found.unexplained_before[axis]:.1%} of its change"
+        text += f"; taken all the same: {left}" if found.taken(axis) else "; the base's numbers stay"
+    return text
 
 
 def _needs(axis: int) -> str:
-    if axis == len(AXES):
-        return "a better log moves their sticks, and a manoeuvre needs a position, to push surge and sway"
-    if axis < 2:
+    if axis in (X, Y):
         return "surge and sway need a speed over ground, such as a DVL's, and a log that steers them"
     return (
         "heave and yaw need vehicle.steering_mode = manual and a calm place, and a log starts and stops them "
@@ -285,8 +272,7 @@ def _shared(axes: NDArray[np.bool_], *, manoeuvre: bool) -> list[int]:
     shared = [
         i + axis
         for i in (model.MASS, model.LINEAR, model.QUADRATIC)
-        for axis in range(len(AXES))
-        if axes[axis]
+        for axis in np.flatnonzero(axes).tolist()
     ]
     if axes[[0, 1, 3]].all():
         shared.append(model.CORIOLIS)

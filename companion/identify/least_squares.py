@@ -1,6 +1,6 @@
 """The parameters of the smallest sum of squared residuals, within bounds (Levenberg, Marquardt).
 
-The residuals come in parts: some parameters are shared by all, others are each part's own.
+The residuals come in parts, each with its row of parameters: some are the same in all rows, others its own.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,15 +18,46 @@ DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
 
 
 class Found(NamedTuple):
-    """By part the parameters (parts, n), the residuals, and their Jacobian (residuals, shared and own)."""
+    """The parameters (parts, n), and by part the residuals and their slopes (residuals, free parameters)."""
 
     theta: Array
     r: list[Array]
     J: list[Array]
-    columns: list[list[int]]
-    """By part the places of its free parameters among all: first the shared ones, then each part's own."""
-    free: int
-    """How many parameters are free."""
+
+
+class _Problem(NamedTuple):
+    parts: Sequence[Residuals]
+    columns: list[tuple[list[int], int]]
+    """Each free parameter: its parts and its number."""
+    steps: Array
+    pull: Array
+
+    def residuals(self, theta: Array) -> list[Array]:
+        return [part(row) for part, row in zip(self.parts, theta, strict=True)]
+
+    def cost(self, theta: Array, r: Sequence[Array]) -> float:
+        return float(sum(one @ one for one in r) + np.sum((self.pull * theta) ** 2))
+
+    def slopes(self, theta: Array, r: Sequence[Array], most: Array) -> list[Array]:
+        J = [np.zeros((one.size, len(self.columns))) for one in r]
+        for column, (rows, i) in enumerate(self.columns):
+            for k in rows:
+                other = theta[k].copy()
+                other[i] += self.steps[i] if other[i] + self.steps[i] <= most[i] else -self.steps[i]
+                J[k][:, column] = (self.parts[k](other) - r[k]) / (other[i] - theta[k, i])
+        return J
+
+    def gauss_newton(self, theta: Array, r: Sequence[Array], bounds: Bounds) -> tuple[Array, Array]:
+        """Return curvature and gradient; what a bound holds is left out."""
+        least, most = bounds
+        curvature, gradient = _sums(self.slopes(theta, r, most), r)
+        for column, (rows, i) in enumerate(self.columns):
+            curvature[column, column] += len(rows) * self.pull[i] ** 2
+            gradient[column] += self.pull[i] ** 2 * theta[rows, i].sum()
+            value, downhill = theta[rows[0], i], gradient[column] > 0.0
+            if (downhill and value <= least[i]) or (gradient[column] < 0.0 and value >= most[i]):
+                curvature[column], gradient[column] = np.eye(len(self.columns))[column], 0.0
+        return curvature, gradient
 
 
 def least_squares(
@@ -35,8 +66,7 @@ def least_squares(
     free: tuple[Sequence[int], Sequence[int]],
     steps: Array,
     bounds_at: Callable[[Array], Bounds],
-    progress: Callable[[float], None] = lambda share: None,
-    pull: Array | float = 0.0,
+    pull: Array | None = None,
 ) -> Found:
     """Search from `theta` on.
 
@@ -46,53 +76,32 @@ def least_squares(
         free: numbers of the parameters that are looked for: shared ones, and each part's own.
         steps: small changes of each, for the slope.
         bounds_at: gives the least and the largest parameters of a round that begins at these (parts, n).
-        progress: is told a share of 1.
         pull: by parameter, how much of a residual a part has for each unit that it is away from zero.
 
     """
-    shared, own = ([*numbers] for numbers in free)
-    numbers, count = [*shared, *own], len(shared) + len(parts) * len(own)
-    columns = [
-        [*range(len(shared)), *range(len(shared) + i * len(own), len(shared) + (i + 1) * len(own))]
-        for i in range(len(parts))
-    ]
-    theta, pull = np.tile(theta, (len(parts), 1)), np.broadcast_to(pull, theta.shape)
-
-    def cost(theta: Array, r: Sequence[Array]) -> float:
-        return float(sum(one @ one for one in r) + np.sum((pull * theta) ** 2))
-
-    r = [part(row) for part, row in zip(parts, theta, strict=True)]
-    for done in range(ROUNDS):
-        progress(done / ROUNDS)
+    columns = [([*range(len(parts))], i) for i in free[0]]
+    columns += [([k], i) for k in range(len(parts)) for i in free[1]]
+    problem = _Problem(parts, columns, steps, np.zeros(theta.size) if pull is None else pull)
+    theta = np.tile(theta, (len(parts), 1))
+    r = problem.residuals(theta)
+    for _ in range(ROUNDS):
         least, most = bounds_at(theta)
-        J = [_jacobian(*each, numbers, steps, most) for each in zip(parts, theta, r, strict=True)]
-        before = cost(theta, r)
-        curvature, gradient = _sums(columns, J, r, count)
-        for row, places in zip(theta, columns, strict=True):
-            curvature[places, places] += pull[numbers] ** 2
-            gradient[places] += pull[numbers] ** 2 * row[numbers]
-        values = np.concatenate((theta[0, shared], theta[:, own].ravel()))
-        ends = [np.concatenate((end[shared], np.tile(end[own], len(parts)))) for end in (least, most)]
-        stays = ((values <= ends[0]) & (gradient > 0.0)) | ((values >= ends[1]) & (gradient < 0.0))
-        curvature[stays], gradient[stays] = np.eye(count)[stays], 0.0
+        before = problem.cost(theta, r)
+        curvature, gradient = problem.gauss_newton(theta, r, (least, most))
         for damping in DAMPINGS:
             damped = curvature + damping * np.diag(np.diag(curvature) + 1e-12)
-            step = np.linalg.lstsq(damped, -gradient, rcond=None)[0]
-            tried = theta.copy()
-            for row, places in zip(tried, columns, strict=True):
-                row[numbers] += step[places]
-            tried[:, numbers] = np.clip(tried, least, most)[:, numbers]
-            after = [part(row) for part, row in zip(parts, tried, strict=True)]
-            if (now := cost(tried, after)) < before:
+            changes, tried = np.linalg.lstsq(damped, -gradient, rcond=None)[0], theta.copy()
+            for change, (rows, i) in zip(changes, columns, strict=True):
+                tried[rows, i] = np.clip(theta[rows, i] + change, least[i], most[i])
+            after = problem.residuals(tried)
+            if (now := problem.cost(tried, after)) < before:
                 break
         else:
-            return Found(theta, r, J, columns, count)
+            break
         theta, r = tried, after
         if now > (1.0 - TOLERANCE) * before:
             break
-    most = bounds_at(theta)[1]
-    J = [_jacobian(*each, numbers, steps, most) for each in zip(parts, theta, r, strict=True)]
-    return Found(theta, r, J, columns, count)
+    return Found(theta, r, problem.slopes(theta, r, bounds_at(theta)[1]))
 
 
 def jackknife(found: Found, blocks: Sequence[Array]) -> Array:
@@ -102,32 +111,16 @@ def jackknife(found: Found, blocks: Sequence[Array]) -> Array:
     1956). `blocks` numbers by part the block of each of the equally long pieces of its residuals.
     """
     sums = []
-    for J, r, places, block in zip(found.J, found.r, found.columns, blocks, strict=True):
+    for J, r, block in zip(found.J, found.r, blocks, strict=True):
         rows = np.repeat(block, r.size // block.size)
-        sums += [_sums([places], [J[rows == one]], [r[rows == one]], found.free) for one in np.unique(block)]
+        sums += [_sums([J[rows == one]], [r[rows == one]]) for one in np.unique(block)]
     curvature = np.sum([A for A, _ in sums], axis=0)
     changes = np.array([np.linalg.lstsq(curvature - A, g, rcond=1e-12)[0] for A, g in sums])
     centred = changes - changes.mean(axis=0)
     return np.asarray((len(sums) - 1) / len(sums) * centred.T @ centred)
 
 
-def _sums(
-    columns: Sequence[Sequence[int]], J: Sequence[Array], r: Sequence[Array], count: int
-) -> tuple[Array, Array]:
+def _sums(J: Sequence[Array], r: Sequence[Array]) -> tuple[Array, Array]:
     """Return JᵀJ and Jᵀr of parts."""
-    curvature, gradient = np.zeros((count, count)), np.zeros(count)
-    for places, of_part, residuals in zip(columns, J, r, strict=True):
-        curvature[np.ix_(places, places)] += of_part.T @ of_part
-        gradient[places] += of_part.T @ residuals
-    return curvature, gradient
-
-
-def _jacobian(
-    residuals: Residuals, theta: Array, r: Array, numbers: Sequence[int], steps: Array, most: Array
-) -> Array:
-    columns = []
-    for i in numbers:
-        other = theta.copy()
-        other[i] += steps[i] if theta[i] + steps[i] <= most[i] else -steps[i]
-        columns.append((residuals(other) - r) / (other[i] - theta[i]))
-    return np.column_stack(columns)
+    pairs = [*zip(J, r, strict=True)]
+    return np.sum([A.T @ A for A, _ in pairs], axis=0), np.sum([A.T @ b for A, b in pairs], axis=0)

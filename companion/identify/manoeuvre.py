@@ -111,74 +111,58 @@ class Manoeuvre:
         """Take the engine's last tick; move its setpoint and push for the next one."""
         self._engine, self._sample = engine, sample
         engine.excitation = ZERO
-        self._note()
+        if self._noting:
+            self._note()
         requests = [] if self.done else next(self._script, [])
         self._report(self)
         return requests
 
     def _manoeuvre(self) -> Iterator[list[Request]]:
-        began_s = self._now_s
-        while not self._held:
-            verdict = self._sample.verdict
-            self.doing = advised(f"waiting: {verdict.reason}", verdict.remedy)
-            if self._now_s - began_s > WAIT_S:
-                yield from self._end(f"not permitted to engage: {verdict.reason}")
-                return
-            yield []
-        began = self._sample.state
-        if began.eta[Z] < SHALLOWEST_M:
-            yield from self._end(f"depth {began.eta[Z]:.1f} m: at least {SHALLOWEST_M:g} m are needed")
-            return
-        dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
-        lasts_s = {dof: SETTLE_S + LEAD_S + EXCITATIONS[dof].lasts_s for dof in dofs}
-        before_s, self._noting = 0.0, True
-        for dof in dofs:
-            self.doing = f"settling before {AXES[dof]}"
-            stop = yield from self._wait(SETTLE_S, began.eta, dofs)
-            if stop:
-                yield from self._end(stop)
-                return
-            self.doing = AXES[dof]
-            stop = yield from self._excite(
-                dof, began.eta, dofs, before_s + SETTLE_S + LEAD_S, sum(lasts_s.values())
-            )
-            if stop:
-                yield from self._end(stop)
-                return
-            before_s += lasts_s[dof]
-        yield from self._end("")
-
-    def _wait(self, seconds: float, home: Vector, dofs: list[int]) -> Steps:
-        began_s = self._now_s
-        while self._now_s - began_s < seconds:
-            if stop := self._out_of_bounds(home, dofs):
-                return stop
-            yield []
-        return ""
-
-    def _excite(self, dof: int, home: Vector, dofs: list[int], before_s: float, length_s: float) -> Steps:
-        began_s, kind = self._now_s + LEAD_S, EXCITATIONS[dof]
-        while (t_s := self._now_s - began_s) < kind.lasts_s:
-            if stop := self._out_of_bounds(home, dofs):
-                return stop
-            self.share_done = (before_s + t_s) / length_s
-            self._engine.aim(_swept(home, dof, kind, t_s))
-            force = kind.push * pushing(t_s, kind)
-            self._engine.excitation = vector(force if axis == dof else 0.0 for axis in range(len(DOFS)))
-            yield []
-        self.moved.append(dof)
-        self._engine.aim(Setpoint(home))
-        return ""
-
-    def _end(self, failure: str) -> Iterator[list[Request]]:
-        """Ask the engine to let go, and wait until it has."""
-        self.failure, self._noting = failure, False
+        """Give the requests of each tick; in the end ask the engine to let go, and wait until it has."""
+        self.failure = yield from self._engaged()
+        if not self.failure:
+            self._noting = True
+            self.failure = yield from self._excited(self._sample.state.eta)
+        self._noting = False
         self.doing = "releasing"
         began_s = self._now_s
         yield [Request.STOP]
         while self._sample.verdict.authority > 0.0 and self._now_s - began_s < ENDING_S:
             yield []
         self.done = True
+
+    def _engaged(self) -> Steps:
+        began_s = self._now_s
+        while (verdict := self._sample.verdict).state is not State.ACTIVE or verdict.authority != 1.0:
+            self.doing = advised(f"waiting: {verdict.reason}", verdict.remedy)
+            if self._now_s - began_s > WAIT_S:
+                return f"not permitted to engage: {verdict.reason}"
+            yield []
+        z_m = self._sample.state.eta[Z]
+        return f"depth {z_m:.1f} m: at least {SHALLOWEST_M:g} m are needed" if z_m < SHALLOWEST_M else ""
+
+    def _excited(self, home: Vector) -> Steps:
+        """Move one axis after the other; return why it has to end before."""
+        dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
+        length_s = sum(SETTLE_S + LEAD_S + EXCITATIONS[dof].lasts_s for dof in dofs)
+        start_s = self._now_s
+        for dof in dofs:
+            began_s, kind = self._now_s + SETTLE_S + LEAD_S, EXCITATIONS[dof]
+            while (t_s := self._now_s - began_s) < kind.lasts_s:
+                if stop := self._out_of_bounds(home, dofs):
+                    return stop
+                self.doing = f"settling before {AXES[dof]}" if t_s < -LEAD_S else AXES[dof]
+                if t_s >= -LEAD_S:
+                    self.share_done = (self._now_s - start_s) / length_s
+                    self._engine.aim(_swept(home, dof, kind, t_s))
+                    push = kind.push * pushing(t_s, kind)
+                    self._engine.excitation = vector(
+                        push if axis == dof else 0.0 for axis in range(len(DOFS))
+                    )
+                yield []
+            self.moved.append(dof)
+            self._engine.aim(Setpoint(home))
+        return ""
 
     def _out_of_bounds(self, home: Vector, dofs: list[int]) -> str:
         """Return why the manoeuvre has to end now; empty where it may go on."""
@@ -199,8 +183,6 @@ class Manoeuvre:
 
     def _note(self) -> None:
         """Keep what was sent and measured, by its stamp on our clock."""
-        if not self._noting:
-            return
         samples, state = self.samples, self._sample.state
         samples.sticks.append(Sample(state.t_s, self._engine.applied))
         samples.voltage.append(Sample(state.t_s, (state.voltage_v,)))
@@ -220,11 +202,6 @@ class Manoeuvre:
             else:
                 samples.level.append(Sample(t_s, (event.vx_mps, event.vy_mps)))
                 samples.aided.append(Sample(t_s, (1.0,)))
-
-    @property
-    def _held(self) -> bool:
-        verdict = self._sample.verdict
-        return verdict.state is State.ACTIVE and verdict.authority == 1.0
 
     @property
     def _now_s(self) -> float:

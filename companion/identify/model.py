@@ -23,9 +23,8 @@ All forces are those of T200 thrusters. Motion tells forces only in proportion t
 are stronger by a factor make m, d1, d2 and b smaller by that factor: just what the control law needs.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from collections.abc import Iterable, Sequence
+from functools import cached_property, lru_cache, partial
 from typing import Final
 
 import msgspec
@@ -88,21 +87,20 @@ def parameters(vehicle: VehicleFile) -> Array:
     return np.array([*(table[section][key] for section, key in KEYS), *[0.0] * 6, DEAD_BAND_US, 0.0])
 
 
-@dataclass(frozen=True)
 class Track:
-    """A table on the grid of the model: windows that begin with what was measured."""
+    """A table on the grid of the model: windows that begin with what was measured, one `every` so many."""
 
-    table: Table
-    frame: str
-    every: int = 1
-    """Of so many windows one is used."""
-    _wrenches: dict[tuple[object, ...], Array] = field(default_factory=dict, init=False, repr=False)
-    _settled: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
-
-    @cached_property
-    def first(self) -> NDArray[np.int64]:
+    def __init__(self, table: Table, frame: str, every: int = 1) -> None:
+        self.table = table
+        self.frame = frame
+        self.first = np.flatnonzero(self._whole(HORIZONS_S[0]))[::every]
         """The rows where a window of the shortest horizon begins: measured all along, and level."""
-        return np.flatnonzero(self._whole(HORIZONS_S[0]))[:: self.every]
+        self.demands = np.clip(np.nan_to_num(table.commands) @ np.array(FACTORS[frame]).T, -1.0, 1.0)
+        """What is asked of each motor from each command on, -1..1 (commands, motors)."""
+        self._driven_of, self._wrench_of = (
+            lru_cache(MAX_KEPT)(self._driven),
+            lru_cache(MAX_KEPT)(self._wrench),
+        )
 
     @cached_property
     def changes(self) -> Array:
@@ -111,32 +109,9 @@ class Track:
         for horizon_s in HORIZONS_S:
             whole = np.append(self._whole(horizon_s), np.zeros(self.table.t_s.size, bool))[self.first]
             last = np.where(whole, self.first + round(horizon_s / STEP_S), self.first)
-            whole = whole[:, None] & self.steered(self.first, horizon_s)[:, :4]
+            whole = whole[:, None] & self._steered(horizon_s)
             changes.append(np.where(whole, velocity[last] - velocity[self.first], np.nan))
         return np.asarray(np.stack(changes, axis=1))
-
-    def steered(self, first: NDArray[np.int64], horizon_s: float) -> NDArray[np.bool_]:
-        """Tell of windows from these rows on which demands are known all along and LEAD_S before (n, 6)."""
-        t_s, command_s = self.table.t_s[first], self.table.command_s
-        unknown = np.cumsum(np.isnan(self.table.commands), axis=0)
-        begin = np.searchsorted(command_s, t_s - LEAD_S, "right") - 1
-        end = np.searchsorted(command_s, t_s + horizon_s, "right") - 1
-        before = np.where((begin > 0)[:, None], unknown[begin - 1], 0)
-        return np.asarray(unknown[np.maximum(end, 0)] == before)
-
-    @cached_property
-    def demands(self) -> Array:
-        """What is asked of each motor from each command on, -1..1 (commands, motors)."""
-        return np.asarray(
-            np.clip(np.nan_to_num(self.table.commands) @ np.array(FACTORS[self.frame]).T, -1.0, 1.0)
-        )
-
-    def pushes(self, dead_band_us: float) -> Array:
-        """Return the push of each motor that runs, from each command on, N (commands, motors)."""
-        pwm_us = np.array(T200_PWM_US, float) - 1500.0
-        pwm_us[5:7] = -dead_band_us, dead_band_us
-        strength = (self.table.voltage_v / T200_VOLTAGE_V) ** 2
-        return np.asarray(np.interp(400.0 * self.demands, pwm_us, T200_N) * strength[:, None])
 
     def _whole(self, horizon_s: float) -> NDArray[np.bool_]:
         """Tell of each row that is early enough whether the window from it on can be used."""
@@ -147,33 +122,37 @@ class Track:
             return np.zeros(0, bool)
         return np.asarray(sliding_window_view(good, rows).all(axis=1))
 
+    def _steered(self, horizon_s: float) -> NDArray[np.bool_]:
+        """Tell of each window by axis whether demands are known all along and LEAD_S before (windows, 4)."""
+        t_s, command_s = self.table.t_s[self.first], self.table.command_s
+        unknown = np.cumsum(np.isnan(self.table.commands[:, :4]), axis=0)
+        begin = np.searchsorted(command_s, t_s - LEAD_S, "right") - 1
+        end = np.searchsorted(command_s, t_s + horizon_s, "right") - 1
+        before = np.where((begin > 0)[:, None], unknown[begin - 1], 0)
+        return np.asarray(unknown[np.maximum(end, 0)] == before)
+
     def wrench(self, theta: Array) -> Array:
-        """Return the mean wrench in each tick on surge, sway, heave, yaw, roll, pitch, N and N·m (ticks, 6).
+        """Return the mean wrench in each tick on surge, sway, heave, yaw, N and N·m (ticks, 4).
 
         A motor at rest, and one that reverses, gives nothing for the start. What it then is asked for acts
         later by the delay, through a first-order lag. Each tick's mean is exact: a command arrives
-        within a tick, and a tick is as long as some delays.
+        within a tick, and a tick is as long as some delays. What was found last is kept: most steps of a fit
+        change other parameters.
         """
-        late, drive = theta[[LAG, LATER, LEVEL_LATER]].tolist(), theta[[START, DELAY, DEAD]].tolist()
-        return self._once(self._wrench, *late, *drive)
-
-    def _once(self, function: Callable[..., Array], *values: float) -> Array:
-        """Return a function's value, found once: most steps of a fit change other parameters."""
-        key = function.__name__, values
-        if key not in self._wrenches:
-            if len(self._wrenches) > MAX_KEPT:
-                self._wrenches.clear()
-            self._wrenches[key] = function(*values)
-        return self._wrenches[key]
+        return np.asarray(self._wrench_of(*theta[[LAG, LATER, LEVEL_LATER, START, DELAY, DEAD]].tolist()))
 
     def _driven(self, start_s: float, delay_s: float, dead_band_us: float) -> Array:
         """Return the mean wrench without lag."""
+        pwm_us = np.array(T200_PWM_US, float) - 1500.0
+        pwm_us[5:7] = -dead_band_us, dead_band_us
+        strength = (self.table.voltage_v / T200_VOLTAGE_V) ** 2
+        pushes = np.interp(400.0 * self.demands, pwm_us, T200_N) * strength[:, None]
         ends_s = TICK_S * np.arange(TICKS * self.table.t_s.size + 1.0)
-        asked = _means(self.table.command_s, self.pushes(dead_band_us), start_s, ends_s - delay_s)
-        return np.asarray((asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON))
+        asked = _means(self.table.command_s, pushes, start_s, ends_s - delay_s)
+        return np.asarray(((asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON))[:, :4])
 
     def _wrench(self, lag_s: float, down_s: float, level_s: float, *drive: float) -> Array:
-        wrench = self._once(self._driven, *drive).copy()
+        wrench = self._driven_of(*drive).copy()
         ends_s = TICK_S * np.arange(len(wrench) + 1.0)
         for axis, later_s in enumerate((level_s, level_s, down_s)):
             if later_s:
@@ -187,7 +166,7 @@ class Track:
 
     def predicted(self, theta: Array) -> Array:
         """Return the change of u, v, w, r that the model gives over each horizon (windows, horizons, 4)."""
-        wrench = self.wrench(theta)[:, :4].T
+        wrench = self.wrench(theta).T
         inertia, linear, quadratic = (theta[i : i + 4, None] for i in (MASS, LINEAR, QUADRATIC))
         start = np.nan_to_num(self.table.velocity[self.first][:, BODY]).T
         ends = [round(horizon_s / TICK_S) for horizon_s in HORIZONS_S]
@@ -209,20 +188,16 @@ class Track:
 
     def settled(self, theta: Array) -> Array:
         """Return parameters of which this table's own, constant force and timing, predict it best."""
-        key = theta.tobytes()
-        if key not in self._settled:
-            thinned = [Track(self.table, self.frame, EVERY)]
-            moving = moved(thinned)
-            (part,) = residuals(thinned, moving)
-            starts = [np.array(theta) for _ in START_DELAYS_S]
-            for start, delay_s in zip(starts, START_DELAYS_S, strict=True):
-                start[DELAY] = delay_s
-            start = min(starts, key=lambda one: float(np.sum(part(one) ** 2)))
-            own = [*forces(moving[-1]), *times(moving[-1])]
-            found = least_squares([part], start, ((), own), STEPS, lambda _: (LEAST, MOST), pull=PULL)
-            self._settled.clear()
-            self._settled[key] = found.theta[0]
-        return self._settled[key]
+        thinned = [Track(self.table, self.frame, EVERY)]
+        moving = moved(thinned)
+        (part,) = residuals(thinned, moving)
+        starts = [np.array(theta) for _ in START_DELAYS_S]
+        for start, delay_s in zip(starts, START_DELAYS_S, strict=True):
+            start[DELAY] = delay_s
+        start = min(starts, key=lambda one: float(np.sum(part(one) ** 2)))
+        own = [*forces(moving[-1]), *times(moving[-1])]
+        found = least_squares([part], start, ((), own), STEPS, lambda _: (LEAST, MOST), PULL)
+        return np.asarray(found.theta[0])
 
 
 def _means(t_s: Array, pushes: Array, start_s: float, ends_s: Array) -> Array:
@@ -291,16 +266,16 @@ def unexplained(tracks: Sequence[Track], thetas: Iterable[Array]) -> Array:
     return np.asarray(np.nansum((np.concatenate(predicted) - changes) ** 2, axis=0) / squares)
 
 
-def score(tracks: Sequence[Track], theta: Array, horizon_s: float) -> dict[str, float | int | None]:
-    """Return by axis 1 − R² of the change of velocity; None where it did not move. 1: "it stays as it is".
+def score(tracks: Sequence[Track], thetas: Sequence[Array]) -> dict[str, dict[str, float | int | None]]:
+    """Return 1 − R² of the change of velocity by horizon (s) and axis. 1: "it stays as it is".
 
-    Sums run over the windows of all `tracks`, each with its own constant force and timing; `windows` counts.
+    None where an axis did not move. Sums run over the windows of all `tracks`; `windows` counts them.
     """
-    at = HORIZONS_S.index(horizon_s)
-    shares = unexplained(tracks, [track.settled(theta) for track in tracks])[at]
-    result: dict[str, float | int | None] = {
-        name: round(float(share), 4) if moves else None
-        for name, share, moves in zip(AXES, shares, moved(tracks)[at], strict=True)
-    }
-    result["windows"] = sum(int(np.isfinite(track.changes[:, at]).any(axis=1).sum()) for track in tracks)
-    return result
+    rows: dict[str, dict[str, float | int | None]] = {}
+    for at, (shares, moves) in enumerate(zip(unexplained(tracks, thetas), moved(tracks), strict=True)):
+        known = (np.isfinite(track.changes[:, at]).any(axis=1) for track in tracks)
+        rows[f"{HORIZONS_S[at]:g}"] = {
+            name: round(float(share), 4) if moved_here else None
+            for name, share, moved_here in zip(AXES, shares, moves, strict=True)
+        } | {"windows": sum(int(windows.sum()) for windows in known)}
+    return rows

@@ -3,8 +3,8 @@
 A `ReceivedCommand` comes from any thread and waits. Before a tick the queue turns at most one into what the
 engine takes anyway, a `Request`, a setpoint or a retuned configuration, so that nothing passes the supervisor
 by; after the tick it answers with what came of it. A path is built between ticks, one at a time and in steps.
-No Zenoh and no clock in here.
 """
+# ruff: noqa: D102 (of Controllable: the engine describes them)
 
 import logging
 import math
@@ -55,8 +55,7 @@ from companion.telemetry.commands import (
     named,
     parse,
 )
-from companion.telemetry.conditions import text
-from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging
+from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging, text
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 
@@ -72,6 +71,7 @@ MAX_WAITING = 8
 COST = 16
 """Steps between two looks at the clock and the sockets: a third of a millisecond."""
 
+DEFAULTS = Config()
 SETTLE_S = 2.0
 MAX_STEP = 2.0
 """One command may make a value this many times larger or smaller; for more it has to be confirmed."""
@@ -90,13 +90,18 @@ class ReceivedCommand(NamedTuple):
 
 
 @dataclass
-class _Waiting:
-    """A command that waits: its payload or why it is refused, and the work to be done before it."""
+class _Command:
+    """A command on its way: it waits, is worked out in steps, is taken by the engine, and is answered."""
 
     received: ReceivedCommand
-    command: Payload | None = None
+    payload: Payload | None = None
     refused: str = ""
+    """Why the engine does not take it, or why it was given up."""
     task: Task[Order | None] | None = None
+    until_s: float = math.inf
+    was: State = State.IDLE
+    old: Config = DEFAULTS
+    """State and configuration when it was taken, and until when it may settle."""
 
 
 class EngineInput(NamedTuple):
@@ -110,54 +115,23 @@ class EngineInput(NamedTuple):
 
 
 class Controllable(Protocol):
-    """What the queue needs of the engine."""
+    """What the queue needs of the engine, which describes it."""
 
     @property
-    def config(self) -> Config:
-        """What is in force."""
-
+    def config(self) -> Config: ...
     @property
-    def verdict(self) -> Verdict:
-        """The last tick's."""
-
+    def verdict(self) -> Verdict: ...
     @property
-    def target(self) -> Vector:
-        """Where it is held, or is while it is not: x, y, z, psi."""
-
+    def target(self) -> Vector: ...
     @property
-    def asked(self) -> Vector:
-        """What was asked for, NaN where nothing was."""
-
+    def asked(self) -> Vector: ...
     @property
-    def destination(self) -> Vector:
-        """Where a move goes, NaN where none does, or where that is not known yet."""
-
-    def refusal(self, request: Request) -> str:
-        """Return why a request would be refused now, and what to do; empty where it is accepted."""
-
-    def aim(self, setpoint: Setpoint) -> None:
-        """Take a setpoint; raise ValueError for one that is not permitted."""
-
-    def guide(self, order: Order) -> None:
-        """Take a path, a move, or what to do with them; raise ValueError for what is not permitted."""
-
-    def preparing(self, config: Config) -> Steps[None]:
-        """Do the long part of a `retune` beforehand, in steps."""
-
-    def retune(self, config: Config) -> None:
-        """Take gains, compensators and noises, without a jump; raise ConfigError for what needs a restart."""
-
-
-@dataclass
-class _Pending:
-    """A command that the engine has taken, not answered yet; `withdrawn` says why it was given up."""
-
-    received: ReceivedCommand
-    command: Payload
-    until_s: float
-    was: State
-    old: Config
-    withdrawn: str = ""
+    def destination(self) -> Vector: ...
+    def refusal(self, request: Request) -> str: ...
+    def aim(self, setpoint: Setpoint) -> None: ...
+    def guide(self, order: Order) -> None: ...
+    def preparing(self, config: Config) -> Steps[None]: ...
+    def retune(self, config: Config) -> None: ...
 
 
 @dataclass
@@ -168,8 +142,8 @@ class CommandQueue:
     results: list[CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
-    _inbox: deque[_Waiting] = field(default_factory=deque)
-    _pending: list[_Pending] = field(default_factory=list)
+    _waiting: deque[_Command] = field(default_factory=deque)
+    _taken: list[_Command] = field(default_factory=list)
     _withdraw: bool = False
     _kept: str = ""
     """What engaging does beside holding."""
@@ -179,24 +153,31 @@ class CommandQueue:
 
         There is always room for a release.
         """
-        if len(self._inbox) >= (2 * MAX_WAITING if received.name == "release" else MAX_WAITING):
+        if len(self._waiting) >= (2 * MAX_WAITING if received.name == "release" else MAX_WAITING):
             received.answer(Reply(done=False, said=f"busy: {MAX_WAITING} commands wait already; ask again"))
-        else:
-            self._inbox.append(self._parsed(received))
+            return
+        command = _Command(received)
+        try:
+            self._permit(received)
+            max_depth_m = self.started_with.supervisor.max_depth_m
+            command.payload = parse(received.name, received.payload, max_depth_m=max_depth_m)
+        except Exception as error:
+            command.refused = _why(error)
+        self._waiting.append(command)
 
     def prepare(self, engine: Controllable, cost: int = COST) -> bool:
         """Take some steps of what has to be done before the next command; return whether there are more.
 
         Call it between ticks.
         """
-        if not self._inbox or (waiting := self._inbox[0]).command is None or waiting.refused:
+        if not self._waiting or (command := self._waiting[0]).payload is None or command.refused:
             return False
-        if waiting.task is None:
-            waiting.task = Task(self._preparing(waiting.command, engine))
+        if command.task is None:
+            command.task = Task(self._preparing(command.payload, engine))
         try:
-            return not waiting.task.advance(cost)
+            return not command.task.advance(cost)
         except Exception as error:
-            waiting.refused = _why(error)
+            command.refused = _why(error)
             return False
 
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
@@ -206,58 +187,39 @@ class CommandQueue:
         self._withdraw = False
         if not self._ready(engine):
             return given
-        waiting = self._inbox.popleft()
-        received, command, task = waiting.received, waiting.command, waiting.task
-        old, was = engine.config, engine.verdict.state
+        command = self._waiting.popleft()
+        command.old, command.was = engine.config, engine.verdict.state
         try:
-            if command is None or waiting.refused:
-                raise ValueError(waiting.refused)
-            if task is not None and task.result is not None:
-                engine.guide(task.result)
-                given = given._replace(order=(received.name, received.payload))
-            elif isinstance(command, SetSetpoint):
-                given = given._replace(setpoint=self._aim(engine, command))
-            elif isinstance(command, SetCompensator | SetGains | SetEstimator):
-                engine.retune(self._retuned(old, command))
-                given = given._replace(config=engine.config)
-            else:
-                given.requests.append(self._requested(engine, command))
+            given = self._give(command, engine, given)
         except Exception as error:
-            self._answer(received, command, Reply(done=False, said=f"refused: {_why(error)}"))
+            self._answer(command, Reply(done=False, said=f"refused: {_why(error)}"))
             return given
-        wait_s = ENGAGE_S if received.name == "engage" else SETTLE_S + old.supervisor.ramp_down_s
-        self._pending.append(_Pending(received, command, now_s + wait_s, was, old))
+        engages = isinstance(command.payload, Engage)
+        command.until_s = now_s + (ENGAGE_S if engages else SETTLE_S + command.old.supervisor.ramp_down_s)
+        self._taken.append(command)
         return given
 
     def after_tick(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
         """Answer what has been settled by this tick."""
-        waiting, self._pending = self._pending, []
-        for pending in waiting:
+        taken, self._taken = self._taken, []
+        for command in taken:
             try:
-                reply = self._settled(pending, engine, sample, now_s)
+                reply = self._settled(command, engine, sample, now_s)
             except Exception as error:
                 reply = Reply(done=False, said=f"what came of it cannot be said: {_why(error)}")
             if reply is None:
-                self._pending.append(pending)
+                self._taken.append(command)
             else:
-                self._answer(pending.received, pending.command, reply)
+                self._answer(command, reply)
         if not any(sample.dofs.engaged):
             self._kept = sample.guided.pending
 
-    def _parsed(self, received: ReceivedCommand) -> _Waiting:
-        try:
-            self._permit(received)
-            max_depth_m = self.started_with.supervisor.max_depth_m
-            return _Waiting(received, parse(received.name, received.payload, max_depth_m=max_depth_m))
-        except Exception as error:
-            return _Waiting(received, refused=_why(error))
-
-    def _preparing(self, command: Payload, engine: Controllable) -> Steps[Order | None]:
+    def _preparing(self, payload: Payload, engine: Controllable) -> Steps[Order | None]:
         """Return the order that a command is; None for another command."""
-        if isinstance(command, SetEstimator):
-            yield from engine.preparing(self._retuned(engine.config, command))
+        if isinstance(payload, SetEstimator):
+            yield from engine.preparing(self._retuned(engine.config, payload))
             return None
-        return (yield from ordering(command, self.started_with))
+        return (yield from ordering(payload, self.started_with))
 
     def _ready(self, engine: Controllable) -> bool:
         """Tell whether the next command can be taken.
@@ -265,13 +227,13 @@ class CommandQueue:
         A release does not wait until a path before it is built: what came before it is withdrawn.
         """
         if not self.prepare(engine, 1):
-            return bool(self._inbox)
-        commands = [waiting.command for waiting in self._inbox]
-        first = next((i for i, command in enumerate(commands) if isinstance(command, Release)), 0)
+            return bool(self._waiting)
+        payloads = [command.payload for command in self._waiting]
+        first = next((i for i, payload in enumerate(payloads) if isinstance(payload, Release)), 0)
         for _ in range(first):
-            withdrawn = self._inbox.popleft()
-            reply = Reply(done=False, said="withdrawn: a release came after it")
-            self._answer(withdrawn.received, withdrawn.command, reply)
+            self._answer(
+                self._waiting.popleft(), Reply(done=False, said="withdrawn: a release came after it")
+            )
         return first > 0 and not self.prepare(engine, 1)
 
     def _permit(self, received: ReceivedCommand) -> None:
@@ -285,8 +247,29 @@ class CommandQueue:
                 'telemetry.allow_control = "always"'
             )
 
-    def _aim(self, engine: Controllable, command: SetSetpoint) -> Setpoint:
-        given = named(command)
+    def _give(self, command: _Command, engine: Controllable, given: EngineInput) -> EngineInput:
+        """Give a command to the engine; raise ValueError where that is not possible."""
+        payload, task = command.payload, command.task
+        if payload is None or command.refused:
+            raise ValueError(command.refused)
+        if task is not None and task.result is not None:
+            engine.guide(task.result)
+            return given._replace(order=(command.received.name, command.received.payload))
+        if isinstance(payload, SetSetpoint):
+            return given._replace(setpoint=self._aim(engine, payload))
+        if isinstance(payload, SetCompensator | SetGains | SetEstimator):
+            engine.retune(self._retuned(command.old, payload))
+            return given._replace(config=engine.config)
+        request = REQUESTS[type(payload)]
+        if why := engine.refusal(request):
+            raise ValueError(why)
+        for taken in self._taken:
+            if request is Request.STOP and isinstance(taken.payload, Engage):
+                taken.refused = "withdrawn: the vehicle was released meanwhile"
+        return given._replace(requests=[*given.requests, request])
+
+    def _aim(self, engine: Controllable, payload: SetSetpoint) -> Setpoint:
+        given = named(payload)
         wanted = list(engine.asked)
         for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
             wanted[index] = given.get(key, wanted[index])
@@ -301,10 +284,10 @@ class CommandQueue:
         engine.aim(setpoint)
         return setpoint
 
-    def _retuned(self, config: Config, command: SetCompensator | SetGains | SetEstimator) -> Config:
-        axis, wanted = _changes(command)
+    def _retuned(self, config: Config, payload: SetCompensator | SetGains | SetEstimator) -> Config:
+        axis, wanted = _changes(payload)
         old = getattr(config, axis)
-        if not getattr(command, "confirm", True):
+        if not getattr(payload, "confirm", True):
             for key, value in wanted.items():
                 now = getattr(old, key)
                 if not now / MAX_STEP <= value <= now * MAX_STEP:
@@ -316,83 +299,82 @@ class CommandQueue:
         check_choices(retuned)
         return retuned
 
-    def _requested(self, engine: Controllable, command: Payload) -> Request:
-        request = REQUESTS[type(command)]
-        if why := engine.refusal(request):
-            raise ValueError(why)
-        if request is Request.STOP:
-            for pending in self._pending:
-                if pending.received.name == "engage":
-                    pending.withdrawn = "withdrawn: the vehicle was released meanwhile"
-        return request
-
     def _settled(
-        self, pending: _Pending, engine: Controllable, sample: ControlSample, now_s: float
+        self, command: _Command, engine: Controllable, sample: ControlSample, now_s: float
     ) -> Reply | None:
         """Return the answer, or None while there is none yet."""
-        verdict = sample.verdict
-        is_now = f"{verdict.state}: {verdict.reason}"
-        conditions = [condition.name for condition in verdict.conditions]
+        verdict, payload, late = sample.verdict, command.payload, now_s >= command.until_s
+        is_now, faulty = f"{verdict.state}: {verdict.reason}", verdict.state is State.FAULT
         value: dict[str, Any] = {
             "state": str(verdict.state),
             "reason": verdict.reason,
-            "conditions": conditions,
+            "conditions": [condition.name for condition in verdict.conditions],
             "remedy": verdict.remedy,
         }
-        late = now_s >= pending.until_s
-        name = pending.received.name
-        if name == "engage":
-            if verdict.state is State.ACTIVE:
-                value |= self._aimed(engine, sample)
-                goes = f"; now: {self._kept}" if self._kept else ""
-                return Reply(done=True, said=f"engaged; it was {pending.was}{goes}", value=value)
-            if Condition.FAILSAFE_UNSAFE in verdict.conditions and not pending.withdrawn:
-                pending.withdrawn = "refused"
-                self._withdraw = True
-            elif late and not pending.withdrawn:
-                unread = verdict.state is State.READY and not verdict.conditions & Condition.PILOT_TAKEOVER
-                why = ": FS_PILOT_INPUT and FS_PILOT_TIMEOUT were not answered" if unread else ""
-                pending.withdrawn = f"withdrawn: it did not engage within {ENGAGE_S:.0f} s{why}"
-                self._withdraw = True
-            elif pending.withdrawn or verdict.state is State.FAULT:
-                held = text(verdict.conditions)
-                said = f"{pending.withdrawn or 'refused'}. {is_now}{f' ({held})' if held else ''}"
-                return Reply(done=False, said=said, value=value)
-            return None
-        if name == "reset_model":
+        if isinstance(payload, Engage):
+            return self._engaged(command, engine, sample, late, value)
+        if isinstance(payload, ResetModel):
             return Reply(done=True, said="the nominal model is in use again", value=value)
-        if name == "release":
+        if isinstance(payload, Release):
             if verdict.authority > 0.0 and not late:
                 return None
-            was_held = pending.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+            was_held = command.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
             said = "released" if was_held else "it was not engaged; a request to engage, if any, is withdrawn"
             nobody = f"; {NOBODY.format(sample.disarms_in_s)}" if sample.disarms_in_s else ""
             return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}{nobody}", value=value)
-        if name == "clear_fault":
-            if verdict.state is State.FAULT and not late:
+        if isinstance(payload, ClearFault):
+            if faulty and not late:
                 return None
-            done = verdict.state is not State.FAULT
-            said = "cleared" if done else "refused"
-            return Reply(done=done, said=f"{said}. {is_now}", value=value)
-        if isinstance(pending.command, Goto | Follow | SetPath | SetVelocity):
-            guided = sample.guided
-            value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
-            said = self._progress(engine, sample)
-            if any(sample.dofs.engaged):
-                said += f": {guided.name}" if guided.name else ""
-                said += f", {guided.length_m:.1f} m a lap" if guided.length_m else ""
-                left = left_text(guided.left_m, guided.left_s)
-                said += f": {left}" if left else ""
-            return Reply(done=guided.kind != "refused", said=said, value=value)
-        if isinstance(pending.command, SetSetpoint):
+            return Reply(done=not faulty, said=f"{'refused' if faulty else 'cleared'}. {is_now}", value=value)
+        if isinstance(payload, Goto | Follow | SetPath | SetVelocity):
+            return self._guided(engine, sample, value)
+        if isinstance(payload, SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")
             return Reply(done=True, said=said, value=self._aimed(engine, sample))
-        axis, changed = _changes(pending.command)
-        new = msgspec.to_builtins(getattr(engine.config, axis))
-        said = ", ".join(
-            f"{key} {new[key]} (was {getattr(getattr(pending.old, axis), key)})" for key in changed
-        )
+        assert payload is not None
+        axis, changed = _changes(payload)
+        old, new = getattr(command.old, axis), msgspec.to_builtins(getattr(engine.config, axis))
+        said = ", ".join(f"{key} {new[key]} (was {getattr(old, key)})" for key in changed)
         return Reply(done=True, said=f"{axis}: {said}", value={"axis": axis, **new})
+
+    def _engaged(
+        self,
+        command: _Command,
+        engine: Controllable,
+        sample: ControlSample,
+        late: bool,
+        value: dict[str, Any],
+    ) -> Reply | None:
+        """Return what came of a request to engage; withdraw it where it takes too long."""
+        verdict = sample.verdict
+        if verdict.state is State.ACTIVE:
+            goes = f"; now: {self._kept}" if self._kept else ""
+            said = f"engaged; it was {command.was}{goes}"
+            return Reply(done=True, said=said, value=value | self._aimed(engine, sample))
+        if Condition.FAILSAFE_UNSAFE in verdict.conditions and not command.refused:
+            command.refused = "refused"
+            self._withdraw = True
+        elif late and not command.refused:
+            unread = verdict.state is State.READY and not verdict.conditions & Condition.PILOT_TAKEOVER
+            why = ": FS_PILOT_INPUT and FS_PILOT_TIMEOUT were not answered" if unread else ""
+            command.refused = f"withdrawn: it did not engage within {ENGAGE_S:.0f} s{why}"
+            self._withdraw = True
+        elif command.refused or verdict.state is State.FAULT:
+            held = text(verdict.conditions)
+            why = f"{command.refused or 'refused'}. {verdict.state}: {verdict.reason}"
+            return Reply(done=False, said=f"{why}{f' ({held})' if held else ''}", value=value)
+        return None
+
+    def _guided(self, engine: Controllable, sample: ControlSample, value: dict[str, Any]) -> Reply:
+        """Return what came of a path or a move."""
+        guided, said = sample.guided, self._progress(engine, sample)
+        if any(sample.dofs.engaged):
+            said += f": {guided.name}" if guided.name else ""
+            said += f", {guided.length_m:.1f} m a lap" if guided.length_m else ""
+            left = left_text(guided.left_m, guided.left_s)
+            said += f": {left}" if left else ""
+        value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
+        return Reply(done=guided.kind != "refused", said=said, value=value)
 
     def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:
         engaged = sample.dofs.engaged
@@ -414,11 +396,12 @@ class CommandQueue:
         values = {"depth_m": z, "heading_deg": math.degrees(psi) % 360.0, "x_m": x, "y_m": y}
         return {key: value for key, value in values.items() if math.isfinite(value)}
 
-    def _answer(self, received: ReceivedCommand, command: Payload | None, reply: Reply) -> None:
-        known = COMMANDS.get(received.name)
-        order = in_words(command) if command else known.order if known else received.name[:40]
+    def _answer(self, command: _Command, reply: Reply) -> None:
+        name, payload = command.received.name, command.payload
+        known = COMMANDS.get(name)
+        order = in_words(payload) if payload else known.order if known else name[:40]
         self.results.append(CommandResult(order, reply))
-        received.answer(reply)
+        command.received.answer(reply)
 
 
 def _why(error: Exception) -> str:
@@ -429,8 +412,8 @@ def _why(error: Exception) -> str:
     return f"it leads to an error ({error!r:.200}): check its numbers, and report it"
 
 
-def _changes(command: Payload) -> tuple[str, dict[str, Any]]:
+def _changes(payload: Payload) -> tuple[str, dict[str, Any]]:
     """Return the axis that a tuning command is about, and what it changes there."""
-    changed = named(command)
+    changed = named(payload)
     changed.pop("confirm", None)
     return changed.pop("axis"), changed

@@ -14,9 +14,10 @@ import time
 import tty
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from io import FileIO
 from ipaddress import ip_address, ip_network
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from companion.endpoint import Endpoint
 from companion.records import Sender
@@ -29,6 +30,8 @@ PEER_LOOK_NS = 100_000_000
 RECONNECT_S = (0.25, 4.0)
 HELLO_NS = 200_000_000
 MAX_DATAGRAM = 65507
+MOST_READ = 256
+"""Pieces that are read at once: what waits behind them may be a flood."""
 MAX_UNSENT_BYTES = 1 << 16
 """A stream with more unsent bytes gets nothing until it has caught up: old commands are worse than none."""
 TCP_GIVE_UP_MS = 5000
@@ -56,7 +59,7 @@ class Admission(NamedTuple):
         return not self.allow or any(address in ip_network(network) for network in self.allow)
 
 
-class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
+class MavlinkLink:
     """One wire to a peer. `arrived` gets (arrival in monotonic ns, bytes), a datagram or a piece of a stream.
 
     A UDP listener has one peer at a time. A sender becomes and stays the peer by datagrams that are EXPECTED,
@@ -75,18 +78,21 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
     ) -> None:
         self.endpoint = endpoint
         self.strangers = 0
-        self.received = 0
-        """Datagrams or pieces of a stream, strangers' too."""
         self.changes: deque[str] = deque(maxlen=8)
+        self._listens = endpoint.kind == "udp-listen"
         self._name = name
         self._arrived = arrived
         self._admission = admission
-        self._stream: asyncio.WriteTransport | None = None
-        self._reader: asyncio.BaseTransport | None = None
-        self._datagrams: asyncio.DatagramTransport | None = None
+        self._wire: socket.socket | FileIO | None = None
+        self._unsent = bytearray()
         self._peer: tuple[str, int] | None = None
         self._peer_heard_ns = self._hello_ns = 0
         self._lost = asyncio.Event()
+
+    @property
+    def unsent(self) -> int | None:
+        """Bytes of a stream that wait; None where nothing is open."""
+        return None if self._wire is None else len(self._unsent)
 
     async def run(self) -> None:
         """Open, and open again whenever the connection is lost; raise OSError if our own port is taken."""
@@ -94,16 +100,17 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
         while True:
             self._lost.clear()
             try:
-                await self._open()
+                wire = self._wire = await self._opened()
             except OSError as error:
-                if error.errno == errno.EADDRINUSE and self.endpoint.kind == "udp-listen":
-                    raise OSError(f"{self.endpoint}: {port_taken('udp', self.endpoint.number)}") from error
-                if self.endpoint.kind == "udp-listen":
-                    raise OSError(f"{self.endpoint}: {error.strerror}") from error
+                if self._listens:
+                    taken = error.errno == errno.EADDRINUSE
+                    why = port_taken("udp", self.endpoint.number) if taken else error.strerror
+                    raise OSError(f"{self.endpoint}: {why}") from error
                 if str(error) != said:
                     said = str(error)
                     log.warning("%s link: %s: %s; trying again", self._name, self.endpoint, said)
             else:
+                asyncio.get_running_loop().add_reader(wire, self.read)
                 if self.endpoint.is_stream:
                     log.info("%s link: %s is open", self._name, self.endpoint)
                 wait_s, said = RECONNECT_S[0], ""
@@ -112,57 +119,108 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, RECONNECT_S[1])
 
+    async def _opened(self) -> socket.socket | FileIO:
+        kind, place, number = self.endpoint
+        if kind == "serial":
+            return open_serial(place, number)
+        loop, failed = asyncio.get_running_loop(), OSError("no address")
+        wanted = socket.SOCK_STREAM if kind == "tcp" else socket.SOCK_DGRAM
+        for family, style, protocol, _, address in await loop.getaddrinfo(place, number, type=wanted):
+            wire = socket.socket(family, style, protocol)
+            wire.setblocking(False)
+            try:
+                if self._listens:
+                    wire.bind(address)
+                else:
+                    await loop.sock_connect(wire, address)
+            except BaseException as error:
+                wire.close()
+                if not isinstance(error, OSError):
+                    raise
+                failed = error
+                continue
+            if kind == "tcp":
+                wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, TCP_GIVE_UP_MS)
+            return wire
+        raise failed
+
+    def read(self) -> None:
+        """Stamp and pass on all that waits, at most MOST_READ pieces."""
+        for _ in range(MOST_READ):
+            if self._wire is None:
+                return
+            address: tuple[str, int] | None = None
+            try:
+                if self._listens and isinstance(self._wire, socket.socket):
+                    data, address = self._wire.recvfrom(MAX_DATAGRAM)
+                else:
+                    data = os.read(self._wire.fileno(), MAX_DATAGRAM)
+            except BlockingIOError:
+                return
+            except OSError:
+                self._failed()
+                return
+            now_ns = time.monotonic_ns()
+            if self.endpoint.is_stream and not data:
+                self.close()
+            elif address is not None and not self._is_from_peer(now_ns, data, address[:2]):
+                self.strangers += 1
+            else:
+                self._arrived(now_ns, data)
+
     def send(self, data: bytes) -> None:
         """Send, or drop where nobody is there or where a stream does not keep up."""
-        if self._stream is not None:
-            if self._stream.get_write_buffer_size() <= MAX_UNSENT_BYTES:
-                self._stream.write(data)
-        elif self._datagrams is not None and (self.endpoint.kind == "udp-connect" or self._peer is not None):
-            self._datagrams.sendto(data, self._peer)
+        if self._wire is None or len(self._unsent) > MAX_UNSENT_BYTES:
+            return
+        if self.endpoint.is_stream:
+            self._unsent += data
+            self._write()
+        elif self._peer is not None:
+            self._send_to(self._peer, data)
+        elif not self._listens:
+            try:
+                os.write(self._wire.fileno(), data)
+            except OSError:
+                self._failed()
+
+    def _send_to(self, address: tuple[str, int], data: bytes) -> None:
+        if isinstance(self._wire, socket.socket):
+            with suppress(OSError):
+                self._wire.sendto(data, address)
+
+    def _write(self) -> None:
+        """Write what a stream takes now; the rest when it takes more."""
+        wire, loop = self._wire, asyncio.get_running_loop()
+        if wire is None:
+            return
+        try:
+            del self._unsent[: os.write(wire.fileno(), self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._failed()
+            return
+        if self._unsent:
+            loop.add_writer(wire, self._write)
+        else:
+            loop.remove_writer(wire)
+
+    def _failed(self) -> None:
+        """Let `run` open a stream again; of a datagram nobody listens there yet: the next one tries again."""
+        if self.endpoint.is_stream:
+            self.close()
 
     def close(self) -> None:
-        """Close whatever is open."""
-        for transport in (self._stream, self._reader, self._datagrams):
-            if transport is not None:
-                transport.close()
-
-    async def _open(self) -> None:
-        loop = asyncio.get_running_loop()
-        kind, place, number = self.endpoint
-        address = (place, number)
-        if kind == "tcp":
-            await loop.create_connection(lambda: self, *address)
-        elif kind == "udp-connect":
-            await loop.create_datagram_endpoint(lambda: self, remote_addr=address)
-        elif kind == "udp-listen":
-            await loop.create_datagram_endpoint(lambda: self, local_addr=address)
-        else:
-            with open_serial(place, number) as line:
-                self._stream, _ = await loop.connect_write_pipe(
-                    asyncio.BaseProtocol, FileIO(os.dup(line.fileno()), "w")
-                )
-                await loop.connect_read_pipe(lambda: self, FileIO(os.dup(line.fileno()), "r"))
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the transport (asyncio calls this)."""
-        if self.endpoint.kind == "serial":
-            self._reader = transport
-        elif self.endpoint.kind == "tcp":
-            self._stream = cast(asyncio.Transport, transport)
-            wire = transport.get_extra_info("socket")
-            wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, TCP_GIVE_UP_MS)
-        else:
-            self._datagrams = cast(asyncio.DatagramTransport, transport)
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Stamp a datagram and pass it on (asyncio calls this)."""
-        now_ns = time.monotonic_ns()
-        self.received += 1
-        if self.endpoint.kind == "udp-listen" and not self._is_from_peer(now_ns, data, addr[:2]):
-            self.strangers += 1
-            return
-        self._arrived(now_ns, data)
+        """Close the wire; while `run` goes on, it opens another."""
+        wire, self._wire = self._wire, None
+        if wire is not None:
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(wire)
+            loop.remove_writer(wire)
+            wire.close()
+        self._unsent.clear()
+        self._lost.set()
 
     def _is_from_peer(self, now_ns: int, data: bytes, address: tuple[str, int]) -> bool:
         """Tell whether a datagram is the peer's; take its sender as the peer where there is none."""
@@ -171,17 +229,16 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
             if silent_ns > PEER_LOOK_NS and self._admission.sender(data) is Sender.EXPECTED:
                 self._peer_heard_ns = now_ns
             return True
-        has_peer = self._peer is not None and silent_ns < PEER_SILENT_NS
-        if has_peer:
+        if self._peer is not None and silent_ns < PEER_SILENT_NS:
             return False
         if not self._admission.allows(address[0]):
             self._admission.barred(address[0])
             return False
         sender = self._admission.sender(data)
         if sender is not Sender.EXPECTED:
-            if sender is Sender.BEHIND and self._datagrams and now_ns - self._hello_ns > HELLO_NS:
+            if sender is Sender.BEHIND and now_ns - self._hello_ns > HELLO_NS:
                 self._hello_ns = now_ns
-                self._datagrams.sendto(self._admission.hello(), address)
+                self._send_to(address, self._admission.hello())
             return False
         if self._peer is None:
             log.info("%s link: heard %s", self._name, _shown(address))
@@ -190,20 +247,6 @@ class MavlinkLink(asyncio.DatagramProtocol, asyncio.Protocol):
             self.changes.append(f"{self._name} link: {change}")
         self._peer, self._peer_heard_ns = address, now_ns
         return True
-
-    def data_received(self, data: bytes) -> None:
-        """Stamp a piece of the stream and pass it on (asyncio calls this)."""
-        self.received += 1
-        self._arrived(time.monotonic_ns(), data)
-
-    def error_received(self, exc: Exception) -> None:
-        """Nobody listens there yet (asyncio calls this): the next datagram tries again."""
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Let `run` open it again (asyncio calls this)."""
-        self.close()
-        self._stream = self._reader = self._datagrams = None
-        self._lost.set()
 
 
 def _shown(address: tuple[str, int]) -> str:

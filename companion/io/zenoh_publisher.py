@@ -7,7 +7,6 @@ As "client" it only joins: a router that starts after us finds its port free. As
 configuration file says, such as those of docs/examples/zenoh.
 """
 
-import json
 import logging
 import queue
 import threading
@@ -44,6 +43,8 @@ MOST_UTC_S = 2.0**32 - 86400.0  # in 2106: Zenoh's time stamps end there, and it
 _log = logging.getLogger(__name__)
 _Offered = tuple[ControlSample, telemetry.Raw | None]
 _Answer = tuple[zenoh.Query, telemetry.Reply]
+_Sample = tuple[bytes, zenoh.Timestamp | None]
+_NowAndThen = dict[type[telemetry.Schema], zenoh.Publisher | ext.AdvancedPublisher]
 
 
 class NameTakenError(Exception):
@@ -54,13 +55,10 @@ class Publisher(SessionThread):
     """Publishes one vehicle's samples under the keys of `telemetry.keys`, events, and a liveliness token.
 
     `endpoint` is Zenoh's, such as tcp/127.0.0.1:7447, or in mode "file" a path. `dropped` counts the samples
-    that nobody could take in time. Whoever subscribes by `zenoh.ext` gets the last events and raw ticks as
-    well: nobody is there at the first one. A query for a key, or for all of them, returns the last sample of
-    each. `on_command` is called with each command, on a thread of Zenoh's;
-    without it there are none. Queries for them are answered with `config`,
-    `choices` and `check_list`. `utc_s` is this machine's clock: beyond `MOST_UTC_S` nothing is stamped.
-    Raises ValueError for a vehicle name that is no key and an endpoint that is none; trouble is never raised:
-    `beside` counts and tells it.
+    that nobody could take in time. A query for a key, or for all of them, returns the last sample of each,
+    and what `config`, `choices` and `check_list` are. `on_command` is called with each command, on a thread
+    of Zenoh's. `utc_s` is this machine's clock: beyond `MOST_UTC_S` nothing is stamped. Raises RefusedError
+    for an endpoint that is none; later trouble is never raised: `beside` tells it.
     """
 
     def __init__(
@@ -80,7 +78,10 @@ class Publisher(SessionThread):
         """Companions of this vehicle's name that came after us; the reader removes them."""
         self._vehicle = vehicle
         self._keys = telemetry.keys(vehicle)
-        _check(endpoint, mode)
+        try:
+            configuration(endpoint)
+        except RefusedError as error:
+            raise RefusedError(f"telemetry.endpoint: {error}") from error
         self._endpoint = endpoint
         self._mode = mode
         self._on_command = on_command
@@ -89,7 +90,7 @@ class Publisher(SessionThread):
         self._utc_s = utc_s
         self.beside = Beside(zenoh.ZError)
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
-        self._last: dict[str, tuple[bytes, zenoh.Timestamp | None]] = {}
+        self._last: dict[str, _Sample] = {}
         self._mail: deque[telemetry.Schema | _Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
@@ -138,40 +139,31 @@ class Publisher(SessionThread):
 
     def _open(self) -> zenoh.Session | None:
         if self._mode == "file":
-            return self._open_file()
-        session = self._try(listen=False)
+            return self._try("open by", listen=False)
+        session = self._try("joined", listen=False)
         self._joined = session is not None
-        if session is not None:
-            _log.info("zenoh: joined %s", self._endpoint)
-            return session
         may_listen = self._mode == "peer" and is_loopback(self._endpoint)
-        if may_listen and self._attempts_before_listening == 0:
-            session = self._try(listen=True)
-            if session is not None:
-                _log.info("zenoh: listening on %s", self._endpoint)
-        self._attempts_before_listening = max(0, self._attempts_before_listening - 1)
+        if session is None and may_listen and self._attempts_before_listening == 0:
+            session = self._try("listening on", listen=True)
+        if not self._joined:
+            self._attempts_before_listening = max(0, self._attempts_before_listening - 1)
         if session is None and not may_listen:
             self._name_checked.set()  # there is nobody to ask
         return session
 
-    def _open_file(self) -> zenoh.Session | None:
-        try:
-            session = zenoh.open(configuration(self._endpoint))
-        except (zenoh.ZError, RefusedError) as error:
-            if not self._name_checked.is_set():
-                _log.warning("zenoh: %s: %s", self._endpoint, error)
-            self._name_checked.set()
-            return None
-        _log.info("zenoh: open by %s", self._endpoint)
-        return session
-
-    def _try(self, *, listen: bool) -> zenoh.Session | None:
+    def _try(self, how: str, *, listen: bool) -> zenoh.Session | None:
         more = {"timestamping/enabled": self._stamps, "transport/link/tx/queue/size": telemetry.BATCHES}
         try:
-            return zenoh.open(configuration(self._endpoint, listen=listen, more=more))
-        except zenoh.ZError as error:
-            _log.debug("zenoh: %s", error)
+            session = zenoh.open(configuration(self._endpoint, listen=listen, more=more))
+        except (zenoh.ZError, RefusedError) as error:
+            level = logging.DEBUG
+            if self._mode == "file":
+                level = logging.DEBUG if self._name_checked.is_set() else logging.WARNING
+                self._name_checked.set()
+            _log.log(level, "zenoh: %s: %s", self._endpoint, error)
             return None
+        _log.info("zenoh: %s %s", how, self._endpoint)
+        return session
 
     @property
     def _stamps(self) -> bool:
@@ -201,44 +193,52 @@ class Publisher(SessionThread):
             if not self._name_checked.is_set() and self._found(self._others(session, instance)):
                 return
             publishers = {key: _publisher(session, key, encoding) for key, encoding in self._keys.items()}
-            events = _history(session, *telemetry.event_key(self._vehicle), _EVENTS_KEPT, counts=not stamps)
-            by_kind: dict[type[telemetry.Schema], zenoh.Publisher] = {
-                telemetry.Plan: _publisher(session, *telemetry.plan_key(self._vehicle)),
+            now_and_then: _NowAndThen = {
+                telemetry.Event: _history(
+                    session, *telemetry.published(self._vehicle, "event"), _EVENTS_KEPT, counts=not stamps
+                ),
+                telemetry.Plan: _publisher(session, *telemetry.published(self._vehicle, "plan")),
             }
-            raw = _history(session, *telemetry.raw_key(self._vehicle), _RAW_KEPT, recover=True, counts=True)
+            raw = _history(
+                session, *telemetry.published(self._vehicle, "raw"), _RAW_KEPT, recover=True, counts=True
+            )
             with (
                 session.info.declare_transport_events_listener(on_transport),
-                session.liveliness().declare_token(telemetry.alive_key(self._vehicle, instance)),
+                session.liveliness().declare_token(telemetry.key(self._vehicle, "alive", instance)),
             ):
                 if joined and not session.info.transports():
                     lost.set()  # gone before anybody listened for it
-                if not self._name_checked.is_set():
-                    # Of two that declared at the same moment the one with the greater id gives way, if it
-                    # saw the other: who stays has not seen us.
-                    others = self._others(session, instance)
-                    if others and min(others) > instance:
-                        self._closing.wait(_GIVE_WAY_S)
-                        others = self._others(session, instance)
-                    if self._found(others):
-                        return
-                    self._name_checked.set()
+                if not self._name_checked.is_set() and self._gives_way(session, instance):
+                    return
+                self._name_checked.set()
                 self._answer_from(session, routed)
                 self._note_duplicates(session, instance)
                 while not (self._closing.is_set() or lost.is_set()) and self._stamps is stamps:
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
                         for _ in range(len(self._mail)):
-                            self.beside.do("telemetry", partial(self._deliver, session, events, by_kind))
+                            self.beside.do("telemetry", partial(self._deliver, session, now_and_then))
                         if offered is not None:
-                            self.beside.do(
-                                "telemetry", partial(self._publish, session, publishers, raw, *offered)
-                            )
+                            send = partial(self._publish, session, publishers, raw, *offered)
+                            self.beside.do("telemetry", send)
         if not self._closing.is_set():
             _log.warning("zenoh: lost %s, trying again", self._endpoint)
 
+    def _gives_way(self, session: zenoh.Session, instance: str) -> bool:
+        """Tell whether another companion has our name.
+
+        Of two that declared at the same moment the one with the greater id gives way, if it saw the other:
+        who stays has not seen us.
+        """
+        others = self._others(session, instance)
+        if others and min(others) > instance:
+            self._closing.wait(_GIVE_WAY_S)
+            others = self._others(session, instance)
+        return self._found(others)
+
     def _others(self, session: zenoh.Session, instance: str) -> list[str]:
         """Return the instances of companions with our name."""
-        found = session.liveliness().get(telemetry.alive_key(self._vehicle), timeout=_ASK_S)
+        found = session.liveliness().get(telemetry.key(self._vehicle, "alive", "*"), timeout=_ASK_S)
         keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
         return [key.rpartition("/")[2] for key in keys if not key.endswith(f"/{instance}")]
 
@@ -257,7 +257,7 @@ class Publisher(SessionThread):
             if sample.kind == zenoh.SampleKind.PUT and other != instance:
                 self.duplicate_instances.append(other)
 
-        tokens = telemetry.alive_key(self._vehicle)
+        tokens = telemetry.key(self._vehicle, "alive", "*")
         session.liveliness().declare_subscriber(tokens, on_token, history=True)
 
     def _answer_from(self, session: zenoh.Session, routed: threading.Event) -> None:
@@ -265,55 +265,39 @@ class Publisher(SessionThread):
 
         A command is local where only loopback is open, and no router, once `routed`, forwards from elsewhere.
         """
-        take = self._on_command
         here = self._mode == "peer" and is_loopback(self._endpoint)
 
-        def answer(key: str, payload: Callable[[], bytes], encoding: str) -> None:
+        def answer(key: str, encoding: str, source: Callable[[], _Sample | None]) -> None:
             def on_query(query: zenoh.Query) -> None:
                 with query:
-                    query.reply(key, payload(), encoding=zenoh.Encoding(encoding))
-
-            session.declare_queryable(key, on_query)
-
-        def answer_last(key: str, encoding: str) -> None:
-            def on_query(query: zenoh.Query) -> None:
-                with query:
-                    if key in self._last:
-                        payload, stamp = self._last[key]
+                    if (found := source()) is not None:
+                        payload, stamp = found
                         query.reply(key, payload, encoding=zenoh.Encoding(encoding), timestamp=stamp)
 
             session.declare_queryable(key, on_query)
 
         def on_command(query: zenoh.Query) -> None:
             key = str(query.key_expr)
-            if take is None or "*" in key:
+            if self._on_command is None or "*" in key:
                 query.drop()  # type: ignore[no-untyped-call]
                 return
             payload = query.payload.to_bytes() if query.payload is not None else b""
-            local = here and not routed.is_set()
-            take(
-                ReceivedCommand(
-                    key.rpartition("/")[2], payload, lambda reply: self._reply(query, reply), local
-                )
-            )
+            name, local = key.rpartition("/")[2], here and not routed.is_set()
+            self._on_command(ReceivedCommand(name, payload, partial(self._reply, query), local))
 
-        answer(telemetry.config_key(self._vehicle), lambda: self.config, telemetry.CONFIG_ENCODING)
-        answer(
-            telemetry.choices_key(self._vehicle),
-            lambda: msgspec.json.encode(self._choices),
-            telemetry.encoding(telemetry.Choices),
-        )
-        answer(
-            telemetry.check_key(self._vehicle), lambda: self._check_list().encode(), telemetry.CONFIG_ENCODING
-        )
-        for key, encoding in (
-            *self._keys.items(),
-            telemetry.event_key(self._vehicle),
-            telemetry.plan_key(self._vehicle),
+        vehicle = self._vehicle
+        choices = msgspec.json.encode(self._choices), None
+        for tail, encoding, source in (
+            ("config", telemetry.CONFIG_ENCODING, lambda: (self.config, None)),
+            ("choices", telemetry.encoding(telemetry.Choices), lambda: choices),
+            ("check", telemetry.CONFIG_ENCODING, lambda: (self._check_list().encode(), None)),
         ):
-            answer_last(key, encoding)
+            answer(telemetry.key(vehicle, tail), encoding, source)
+        last = (*self._keys.items(), *(telemetry.published(vehicle, tail) for tail in ("event", "plan")))
+        for key, encoding in last:
+            answer(key, encoding, partial(self._last.get, key))
         for name in COMMANDS:
-            session.declare_queryable(telemetry.command_key(self._vehicle, name), on_command)
+            session.declare_queryable(telemetry.key(vehicle, "command", name), on_command)
 
     def _reply(self, query: zenoh.Query, reply: telemetry.Reply) -> None:
         self._mail.append((query, reply))
@@ -338,24 +322,18 @@ class Publisher(SessionThread):
         if raw is not None:
             raw_publisher.put(msgspec.msgpack.encode(raw))
 
-    def _deliver(
-        self,
-        session: zenoh.Session,
-        events: ext.AdvancedPublisher,
-        by_kind: Mapping[type[telemetry.Schema], zenoh.Publisher],
-    ) -> None:
+    def _deliver(self, session: zenoh.Session, publishers: _NowAndThen) -> None:
         """Send one event, plan or answer."""
         item = self._mail.popleft()
-        if not isinstance(item, tuple):
-            publisher = events if isinstance(item, telemetry.Event) else by_kind[type(item)]
-            payload = telemetry.to_json(item)
-            self._last[str(publisher.key_expr)] = payload, self._stamp(session)
-            publisher.put(payload)
-        else:
+        if isinstance(item, tuple):
             query, reply = item
             with suppress(zenoh.ZError), query:
                 encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
                 query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
+            return
+        publisher, payload = publishers[type(item)], telemetry.to_json(item)
+        self._last[str(publisher.key_expr)] = payload, self._stamp(session)
+        publisher.put(payload)
 
 
 def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:
@@ -386,20 +364,6 @@ def _history(
         sample_miss_detection=missed if counts else None,
         publisher_detection=True,
     )
-
-
-def _check(endpoint: str, mode: str) -> None:
-    """Raise ValueError for an endpoint that could never work."""
-    try:
-        if mode == "file":
-            zenoh.Config.from_file(endpoint)
-        else:
-            zenoh.Config().insert_json5("connect/endpoints", json.dumps([endpoint]))
-    except zenoh.ZError as error:
-        what = "the path of a Zenoh configuration" if mode == "file" else "one such as tcp/127.0.0.1:7447"
-        raise ValueError(
-            f"telemetry.endpoint = '{endpoint}': telemetry.mode is {mode}, want {what}"
-        ) from error
 
 
 def is_loopback(endpoint: str) -> bool:

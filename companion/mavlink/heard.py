@@ -42,8 +42,8 @@ class Heard:
     def __init__(self, link: LinkSection) -> None:
         self._link = link
         self._wanted = (link.vehicle_system, link.vehicle_component)
-        self._seen: dict[tuple[int, bool, str, str], float] = {}
-        """When something came last: what, whether of another than is wanted, of whom, and the ids of that."""
+        self._seen: dict[tuple[int, tuple[int, int] | str], float] = {}
+        """When something came last: what, and of which system and component, or of whom in words."""
         self._looked_s = -1.0
         self.now_s = 0.0
         self.vehicle_signs = False
@@ -51,19 +51,16 @@ class Heard:
 
     def frame(self, frame: Frame, kind: int = FRAMES) -> None:
         """Note a sound frame; `kind` tells what is wrong with its signature."""
-        sender = (frame.system, frame.component)
+        system, component = frame.system, frame.component
         if frame.version == 1:
             kind = V1
-        elif sender[1] == self._link.component and sender[0] in (self._link.system, self._wanted[0]):
+        elif component == self._link.component and system in (self._link.system, self._wanted[0]):
             kind = OURS
         elif kind == FRAMES and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             beat = frame.message()
             other = OTHER if beat.autopilot == mavlink.MAV_AUTOPILOT_INVALID else AUTOPILOT
             kind = GROUND if beat.type == mavlink.MAV_TYPE_GCS else other
-        names = ("link.vehicle_system", "link.vehicle_component")
-        triples = zip(names, sender, self._wanted, strict=True)
-        ids = ", ".join(f"{name} = {has}" for name, has, wanted in triples if has != wanted)
-        self._note(kind, "system {}, component {}".format(*sender), ids)
+        self._note(kind, (system, component))
 
     def junk(self, data: bytes) -> None:
         """Note what is no MAVLink 2; the first of a tick is looked at for a frame of MAVLink 1."""
@@ -73,23 +70,30 @@ class Heard:
         if at >= 0 and (frame := frame_at(data, at)[1]) is not None:
             self.frame(frame)
         else:
-            known = next((whom for kind, _, whom, _ in self._seen if kind == JUNK), "")
+            known = next((whom for kind, whom in self._seen if kind == JUNK), "")
             self._note(JUNK, known or f"such as {ascii(data[:EXCERPT])[1:]}")
 
     def barred(self, host: str) -> None:
         """Note a sender that is not permitted."""
         self._note(BARRED, host)
 
-    def _note(self, kind: int, whom: str, ids: str = "") -> None:
-        key = kind, bool(ids), whom, ids
-        if key in self._seen or len(self._seen) < MOST:
-            self._seen[key] = self.now_s
+    def _note(self, kind: int, whom: tuple[int, int] | str) -> None:
+        if (kind, whom) in self._seen or len(self._seen) < MOST:
+            self._seen[kind, whom] = self.now_s
 
     def contact(self) -> tuple[str, str]:
         """Return why the heartbeat does not come, and what to do."""
         self._seen = {key: t_s for key, t_s in self._seen.items() if self.now_s - t_s <= LATELY_S}
         if not self._seen:
             return f"nothing arrives at {self._link.endpoint}", NOTHING
-        kind, _, whom, ids = min(self._seen)
+        kind, _, whom, ids = min((kind, *self._in_words(whom)) for kind, whom in self._seen)
         found, fix = (words.format(whom, ids=ids).rstrip("; ") for words in WORDS[kind])
         return f"{found} arrive at {self._link.endpoint}", fix
+
+    def _in_words(self, whom: tuple[int, int] | str) -> tuple[bool, str, str]:
+        """Return whether it is another than is wanted, who it is, and which keys would want it."""
+        if isinstance(whom, str):
+            return False, whom, ""
+        triples = zip(("vehicle_system", "vehicle_component"), whom, self._wanted, strict=True)
+        ids = ", ".join(f"link.{name} = {has}" for name, has, wanted in triples if has != wanted)
+        return bool(ids), "system {}, component {}".format(*whom), ids

@@ -24,8 +24,7 @@ from companion.records import (
     Z,
 )
 from companion.telemetry import schemas
-from companion.telemetry.conditions import ENDED
-from companion.telemetry.glossary import STATES, advised, on_engaging
+from companion.telemetry.glossary import ENDED, STATES, advised, on_engaging
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)

@@ -23,7 +23,7 @@ from companion.supervision.situation import (
     voltage_is_low,
 )
 from companion.supervision.supervisor import first_remedy
-from companion.telemetry.conditions import text
+from companion.telemetry.glossary import text
 from holdfast.version import OLDEST_ARDUSUB
 
 C = Condition

@@ -6,7 +6,7 @@ Times: `t_s` is this machine's monotonic clock, `boot_s` the autopilot's clock.
 """
 
 from companion.records.conditions import Condition
-from companion.records.control import NEUTRAL, Axes, AxisCommand, DofSample
+from companion.records.control import NEUTRAL, Axes, AxisCommand, Dofs, DofSample
 from companion.records.dof import (
     AXES,
     DOFS,

@@ -14,7 +14,7 @@ class Condition(IntFlag):
     text: str
     """What is so while the condition holds."""
     description: str
-    """Exactly when it holds, beyond `text`."""
+    """Exactly when it holds, beyond `text`; docs/supervisor.md gives the values of keys of [supervisor]."""
     remedy: str
     """The operator's next step."""
     awaited: str
@@ -35,7 +35,8 @@ class Condition(IntFlag):
 
     LINK_LOST = (
         "the vehicle is not heard",
-        "no message or heartbeat of the autopilot in time; no message at all while a sample is stale",
+        "no message for link_timeout_s, no heartbeat for heartbeat_timeout_s; no message at all while a "
+        "sample is stale",
         "check the cable, the router and link.endpoint",
         "the vehicle's heartbeat",
         "the vehicle is heard",
@@ -49,7 +50,7 @@ class Condition(IntFlag):
     )
     TICK_LATE = (
         "a tick was too late",
-        "of this process",
+        "of this process, by more than late_tick_s",
         "reduce the load of this computer",
         "punctual ticks",
         "ticks are punctual",
@@ -97,35 +98,37 @@ class Condition(IntFlag):
     )
     DELAY_TOO_LONG = (
         "the delay is too long",
-        "telemetry and commands together are too late for any gains",
+        "longer than max_delay_s: too late for any gains",
         "reduce the load of the link; run Holdfast on the vehicle instead of topside",
         "a shorter delay",
         "the delay is short enough",
     )
     DEPTH_JUMPED = (
         "the measured depth jumped",
-        "too far from the predicted one: it was rejected; if this continues, DEPTH STALE follows",
+        "more than max_depth_jump_m from the predicted one: it was rejected; if this continues, DEPTH "
+        "STALE follows",
         "check the depth sensor",
         "a plausible depth",
         "the measured depth is plausible",
     )
     DEPTH_STALE = (
         "no fresh depth",
-        "no new, plausible one arrived in time",
+        "no new, plausible one for depth_timeout_s",
         "check that vehicle.depth_source is streamed and changes",
         "a fresh depth",
         "fresh depth arrives",
     )
     ATTITUDE_STALE = (
         "no fresh attitude",
-        "no new one arrived in time",
+        "no new one for attitude_timeout_s",
         "check that ATTITUDE is streamed",
         "a fresh attitude",
         "fresh attitude arrives",
     )
     POSITION_STALE = (
         "no fresh position",
-        "x and y are wanted: they are released until a position returns; depth and heading are held",
+        "for position_timeout_s; x and y are wanted: they are released until a position returns; depth and "
+        "heading are held",
         "check the DVL; steer by hand meanwhile",
         "a fresh position",
         "fresh position arrives",
@@ -184,7 +187,7 @@ class Condition(IntFlag):
     )
     DEPTH_OUT_OF_BOUNDS = (
         "the measured depth is out of bounds",
-        "above the surface, or below max_depth_m, by more than the margin",
+        "above the surface, or below max_depth_m, by more than depth_margin_m",
         "take over; check the zero of the depth sensor, and max_depth_m",
         "a depth within its bounds",
         "the measured depth is within its bounds",
@@ -206,21 +209,22 @@ class Condition(IntFlag):
     )
     TILTED = (
         "tilted too far",
-        "from its held angle, or from level: only heave and levelling remain",
+        "more than max_tilt_deg from its held angle, or from level: only heave and levelling remain",
         "move slower, avoid the current or turn into it; look for a dead or reversed thruster",
         "a vehicle at its angle",
         "no longer tilted too far",
     )
     TILT_PERSISTS = (
         "tilted too far for too long",
-        "neither level nor at its depth within 0.3 m: the autopilot tries, in STABILIZE, then ALT_HOLD",
+        "for off_track_s, and neither levelled nor within 0.3 m of its depth: the autopilot tries, in "
+        "STABILIZE and then ALT_HOLD",
         "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
         "a level vehicle",
         "the lasting tilt has ended",
     )
     EKF_UNHEALTHY = (
         "the autopilot's EKF is unhealthy",
-        "no attitude or no depth, or a variance that has been too high for ekf_doubt_s",
+        "no attitude or no depth, or a variance above max_ekf_variance for ekf_doubt_s",
         "wait until the EKF has settled; calibrate the compass, check the depth sensor",
         "a healthy EKF",
         "the autopilot's EKF is healthy",
@@ -234,7 +238,7 @@ class Condition(IntFlag):
     )
     BATTERY_LOW = (
         "the battery is low",
-        "its voltage is too low for battery_low_s",
+        "below min_voltage_v for battery_low_s",
         "bring the vehicle up",
         "a charged battery",
         "the battery is no longer low",
@@ -255,8 +259,9 @@ class Condition(IntFlag):
     )
     FAILSAFE_UNSAFE = (
         "the pilot-input failsafe does not act",
-        "FS_PILOT_INPUT is 0 or unread, or FS_PILOT_TIMEOUT too long: nothing would stop the thrusters if "
-        "this computer failed. A request to engage reads both again, and waits for the answers",
+        "FS_PILOT_INPUT is 0 or unread, or FS_PILOT_TIMEOUT longer than max_pilot_timeout_s: nothing would "
+        "stop the thrusters if this computer failed. A request to engage reads both again, and waits for "
+        "the answers",
         "set FS_PILOT_INPUT to 2, FS_PILOT_TIMEOUT to 3 or less; if they are not read, look for a filter on"
         " the link",
         "the pilot-input failsafe",
@@ -278,7 +283,8 @@ class Condition(IntFlag):
     )
     OFF_TRACK = (
         "too far from the setpoint",
-        "too large for off_track_s; the 5 s after a motor was found dead do not count",
+        "by more than max_error_m or max_error_deg for off_track_s; the 5 s after a motor was found dead "
+        "do not count",
         "look for the cause: tether, current, a dead thruster",
         "a smaller error",
         "near the setpoint again",
@@ -293,7 +299,8 @@ class Condition(IntFlag):
     )
     INNOVATION_LARGE = (
         "measurements miss the prediction",
-        "in a held degree of freedom: sensor, model or clock fails",
+        "in a held degree of freedom, by more than max_innovation_m or max_innovation_deg: sensor, model "
+        "or clock fails",
         "check the noise of depth and heading, and the delays",
         "measurements that match the prediction",
         "measurements match the prediction",
@@ -321,7 +328,8 @@ class Condition(IntFlag):
     )
     PILOT_TAKEOVER = (
         "the pilot steers",
-        "somebody else moves a stick, or the pilot overrides all axes",
+        "somebody else moved a stick by more than pilot_deflection less than pilot_hold_s ago, or the "
+        "pilot overrides all axes",
         "release the stick; then engage again (`holdfast engage`, button or dashboard)",
         "the pilot's sticks at rest",
         "the pilot's sticks are at rest",
@@ -354,14 +362,14 @@ class Condition(IntFlag):
         "the flight mode for steering",
         "the flight mode is right",
     )
-    RAMPED_DOWN = ("ramped down to neutral",)
+    RAMPED_DOWN = ("ramped down to neutral", "the authority has reached 0, after ramp_down_s")
     HAND_OVER_HELD = (
         "ALT_HOLD holds the depth until somebody steers",
-        "neutral frames keep the vehicle armed until a pilot steers or `keep_alt_hold_s` has passed",
+        "neutral frames keep the vehicle armed until a pilot steers or keep_alt_hold_s has passed",
     )
     HANDED_OVER = (
         "the autopilot holds depth",
-        "in ALT_HOLD, and a pilot steers or `keep_alt_hold_s` has passed",
+        "in ALT_HOLD, and a pilot steers or keep_alt_hold_s has passed",
     )
     SURFACED = (
         "surfaced; the autopilot holds depth",

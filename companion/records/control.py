@@ -1,8 +1,6 @@
 """What the control equations give: forces, and demands on the vehicle's axes."""
 
-from typing import NamedTuple
-
-import msgspec
+from typing import Generic, NamedTuple, TypeVar
 
 from companion.records.dof import Flags, Vector
 
@@ -27,26 +25,33 @@ class AxisCommand(NamedTuple):
 NEUTRAL = AxisCommand()
 
 
-class DofSample(msgspec.Struct, frozen=True):
-    """The law's inside for all four DOFs; NED, `VehicleState.ahead_s` from now.
+N = TypeVar("N")
+B = TypeVar("B")
+
+
+class DofSample(NamedTuple, Generic[N, B]):
+    """The law's inside, of one degree of freedom or of all four; NED, `VehicleState.ahead_s` from now.
 
     tau = feedforward + feedback + d_hat, before saturation; `e`, `e_dot` are measured minus desired.
     """
 
-    x_d: Vector
-    x_d_dot: Vector
-    x_d_ddot: Vector
-    x: Vector
-    x_dot: Vector
-    e: Vector
-    e_dot: Vector
-    eps: Vector
-    tau: Vector
-    feedforward: Vector
-    feedback: Vector
-    d_hat: Vector
-    d_observer: Vector
-    weight_norm: Vector
-    saturated: Flags
-    adapting: Flags
-    engaged: Flags
+    x_d: N
+    x_d_dot: N
+    x_d_ddot: N
+    x: N
+    x_dot: N
+    e: N
+    e_dot: N
+    eps: N
+    tau: N
+    feedforward: N
+    feedback: N
+    d_hat: N
+    d_observer: N
+    weight_norm: N
+    saturated: B
+    adapting: B
+    engaged: B
+
+
+Dofs = DofSample[Vector, Flags]

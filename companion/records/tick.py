@@ -6,7 +6,7 @@ from typing import NamedTuple
 import msgspec
 
 from companion.records.conditions import Condition
-from companion.records.control import AxisCommand, DofSample
+from companion.records.control import AxisCommand, Dofs
 from companion.records.dof import LEVEL, ZERO, Angles, Vector
 from companion.records.events import LinkCounters, StatusText
 from companion.records.state import VehicleState
@@ -107,7 +107,7 @@ class ControlSample(msgspec.Struct, frozen=True):
     state: VehicleState
     eta_d: Vector
     """Where it should be now; `dofs` is about `state.ahead_s` later."""
-    dofs: DofSample
+    dofs: Dofs
     command: AxisCommand
     requested: Vector
     delivered: Vector

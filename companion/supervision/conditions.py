@@ -4,44 +4,34 @@ A condition that neither blocks nor warns, and that `TRANSITIONS` does not list,
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from companion.config import SupervisorLimits
 from companion.records import Condition, Request, State, X, Z
 from companion.supervision.handover import HandOverStep
-from companion.supervision.situation import (
-    Situation,
-    interrupted,
-    pilot_failsafe_acts,
-    tilted,
-)
+from companion.supervision.situation import Situation, interrupted, pilot_failsafe_acts, tilted
 
 C, S = Condition, State
 NOTHING = Condition(0)
 
 CLOCK_DOUBT_S = 2.0
 """After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
-
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
-
-
 SAMPLE_S = 0.1
 """Between two values of the slowest source of depth: a silence of the link looks longer by so much."""
-
 MOST_INTERRUPTED = 2.0
 """Interruptions are ridden out until their sum is so many times `link_timeout_s`."""
 
 
 class Rule(NamedTuple):
-    """When a condition holds, the keys of [supervisor] that decide, and what it does beside transitions.
+    """When a condition holds, and what it does beside transitions.
 
     It `blocks` engaging, `warns` in ACTIVE, and `freezes` learning there.
     """
 
     holds: Callable[[Situation, SupervisorLimits], bool]
-    keys: tuple[str, ...] = ()
     blocks: bool = False
     warns: bool = False
     freezes: bool = False
@@ -59,14 +49,14 @@ def _bound_s(
 
 
 def _depth_stale(now: Situation, limits: SupervisorLimits) -> bool:
-    state, timeout_s = now.observed.state, limits.depth_timeout_s
+    state, timeout_s = now.state, limits.depth_timeout_s
     if not state.depth_refused:  # a depth that jumped is no silence
         timeout_s = _bound_s(now, limits, timeout_s)
     return not state.ages.depth_s <= timeout_s
 
 
 def _attitude_stale(now: Situation, limits: SupervisorLimits) -> bool:
-    return not now.observed.state.ages.attitude_s <= _bound_s(now, limits, limits.attitude_timeout_s)
+    return not now.state.ages.attitude_s <= _bound_s(now, limits, limits.attitude_timeout_s)
 
 
 def _tick_late(now: Situation, limits: SupervisorLimits) -> bool:
@@ -74,7 +64,7 @@ def _tick_late(now: Situation, limits: SupervisorLimits) -> bool:
 
 
 def _link_lost(now: Situation, limits: SupervisorLimits) -> bool:
-    ages = now.observed.state.ages
+    ages = now.state.ages
     if not (ages.link_s <= limits.link_timeout_s and ages.heartbeat_s <= limits.heartbeat_timeout_s):
         return True
     # Depth and attitude time out sooner; where nothing else came meanwhile either, the link is the cause. A
@@ -91,12 +81,12 @@ def _position_stale(now: Situation, limits: SupervisorLimits) -> bool:
 
 
 def _ground_lost(now: Situation, _: SupervisorLimits) -> bool:
-    return now.steered and now.observed.wants_ground and not now.observed.state.ground.known
+    return now.steered and now.observed.wants_ground and not now.state.ground.known
 
 
 def _out_of_bounds(now: Situation, limits: SupervisorLimits) -> bool:
     margin_m = limits.depth_margin_m
-    return not -margin_m <= now.observed.state.eta[Z] <= limits.max_depth_m + margin_m
+    return not -margin_m <= now.state.eta[Z] <= limits.max_depth_m + margin_m
 
 
 def _ekf_unhealthy(now: Situation, limits: SupervisorLimits) -> bool:
@@ -105,125 +95,80 @@ def _ekf_unhealthy(now: Situation, limits: SupervisorLimits) -> bool:
 
 
 def _innovation_large(now: Situation, limits: SupervisorLimits) -> bool:
-    seen = now.watched
-    return not (
-        seen.innovation_m <= limits.max_innovation_m and seen.innovation_deg <= limits.max_innovation_deg
-    )
+    metres, degrees = now.watched.innovation_m, now.watched.innovation_deg
+    return not (metres <= limits.max_innovation_m and degrees <= limits.max_innovation_deg)
 
 
 def _pilot_lost(now: Situation, _: SupervisorLimits) -> bool:
     ground = now.ground_station
     needed = ground.endpoint and ground.on_loss != "hold"
-    return not now.observed.state.ages.pilot_s <= (ground.timeout_s if needed else math.inf)
+    return not now.state.ages.pilot_s <= (ground.timeout_s if needed else math.inf)
+
+
+def _pilot_takes_over(now: Situation, limits: SupervisorLimits) -> bool:
+    return now.observed.full_override or not now.watched.pilot_deflection <= limits.pilot_deflection
 
 
 # An unknown value counts against permission: hence `not x <= limit`, which is true for NaN.
 RULES: dict[Condition, Rule] = {
-    C.LINK_LOST: Rule(
-        _link_lost,
-        ("link_timeout_s", "heartbeat_timeout_s", "depth_timeout_s", "attitude_timeout_s"),
-        blocks=True,
-    ),
+    C.LINK_LOST: Rule(_link_lost, blocks=True),
     C.REBOOTED: Rule(lambda now, _: now.watched.rebooted, blocks=True),
-    C.TICK_LATE: Rule(_tick_late, ("late_tick_s",), blocks=True),
+    C.TICK_LATE: Rule(_tick_late, blocks=True),
     C.OTHER_FIRST: Rule(lambda now, _: now.watched.other_first, blocks=True),
     C.OTHER_CAME: Rule(lambda now, _: now.watched.other_came, warns=True),
-    C.INTERRUPTED: Rule(
-        lambda now, limits: now.active and interrupted(now.observed, limits, now.tick_s),
-        ("depth_timeout_s", "attitude_timeout_s", "late_tick_s", "link_timeout_s"),
-    ),
+    C.INTERRUPTED: Rule(lambda now, limits: now.active and interrupted(now.observed, limits, now.tick_s)),
     C.UNSTEADY: Rule(lambda now, _: now.watched.unsteady, warns=True),
     C.NON_FINITE: Rule(lambda now, _: not now.observed.finite, blocks=True),
-    C.CLOCK_INCONSISTENT: Rule(
-        lambda now, _: not now.observed.state.clock_doubt_s <= CLOCK_DOUBT_S, blocks=True
-    ),
+    C.CLOCK_INCONSISTENT: Rule(lambda now, _: not now.state.clock_doubt_s <= CLOCK_DOUBT_S, blocks=True),
     C.DELAY_TOO_LONG: Rule(
-        lambda now, limits: not now.observed.state.delays.total_s <= limits.max_delay_s,
-        ("max_delay_s",),
-        blocks=True,
+        lambda now, limits: not now.state.delays.total_s <= limits.max_delay_s, blocks=True
     ),
-    C.DEPTH_JUMPED: Rule(
-        lambda now, _: now.observed.state.depth_refused,
-        ("max_depth_jump_m",),
-        blocks=True,
-        warns=True,
-        freezes=True,
-    ),
-    C.DEPTH_STALE: Rule(_depth_stale, ("depth_timeout_s",), blocks=True),
-    C.ATTITUDE_STALE: Rule(_attitude_stale, ("attitude_timeout_s",), blocks=True),
-    C.POSITION_STALE: Rule(_position_stale, ("position_timeout_s",), warns=True),
+    C.DEPTH_JUMPED: Rule(lambda now, _: now.state.depth_refused, blocks=True, warns=True, freezes=True),
+    C.DEPTH_STALE: Rule(_depth_stale, blocks=True),
+    C.ATTITUDE_STALE: Rule(_attitude_stale, blocks=True),
+    C.POSITION_STALE: Rule(_position_stale, warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),
     C.GROUND_DOUBTED: Rule(lambda now, _: now.steered and now.observed.doubts_range, warns=True),
-    C.YAW_RESET: Rule(lambda now, _: now.observed.state.ages.yaw_reset_s <= RESET_SETTLE_S, warns=True),
-    C.POSITION_RESET: Rule(
-        lambda now, _: now.observed.state.ages.position_reset_s <= RESET_SETTLE_S, warns=True
-    ),
-    C.DEPTH_RESET: Rule(lambda now, _: now.observed.state.ages.depth_reset_s <= RESET_SETTLE_S, warns=True),
-    C.HEADING_WRONG: Rule(lambda now, _: now.observed.state.heading_check.doubtful, warns=True),
-    C.DEPTH_OUT_OF_BOUNDS: Rule(_out_of_bounds, ("max_depth_m", "depth_margin_m"), blocks=True),
+    C.YAW_RESET: Rule(lambda now, _: now.state.ages.yaw_reset_s <= RESET_SETTLE_S, warns=True),
+    C.POSITION_RESET: Rule(lambda now, _: now.state.ages.position_reset_s <= RESET_SETTLE_S, warns=True),
+    C.DEPTH_RESET: Rule(lambda now, _: now.state.ages.depth_reset_s <= RESET_SETTLE_S, warns=True),
+    C.HEADING_WRONG: Rule(lambda now, _: now.state.heading_check.doubtful, warns=True),
+    C.DEPTH_OUT_OF_BOUNDS: Rule(_out_of_bounds, blocks=True),
     C.THRUSTER_MISSED: Rule(lambda now, _: now.observed.misses_motor, blocks=True),
     C.THRUSTER_DEAD: Rule(
-        lambda now, _: now.observed.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
+        lambda now, _: now.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
     ),
-    C.TILTED: Rule(
-        lambda now, limits: tilted(now.observed, limits),
-        ("max_tilt_deg",),
-        blocks=True,
-        warns=True,
-        freezes=True,
-    ),
-    C.TILT_PERSISTS: Rule(
-        lambda now, limits: not now.watched.tilted_s <= limits.off_track_s, ("max_tilt_deg", "off_track_s")
-    ),
-    C.EKF_UNHEALTHY: Rule(_ekf_unhealthy, ("max_ekf_variance", "ekf_doubt_s"), blocks=True),
+    C.TILTED: Rule(lambda now, limits: tilted(now.observed, limits), blocks=True, warns=True, freezes=True),
+    C.TILT_PERSISTS: Rule(lambda now, limits: not now.watched.tilted_s <= limits.off_track_s),
+    C.EKF_UNHEALTHY: Rule(_ekf_unhealthy, blocks=True),
     C.LEAK: Rule(lambda now, _: now.watched.leaking, blocks=True),
     C.BATTERY_LOW: Rule(
-        lambda now, limits: not now.watched.battery_low_s <= limits.battery_low_s,
-        ("min_voltage_v", "battery_low_s"),
-        blocks=True,
-        warns=True,
+        lambda now, limits: not now.watched.battery_low_s <= limits.battery_low_s, blocks=True, warns=True
     ),
     C.AUTOPILOT_FAILSAFE: Rule(lambda now, _: now.watched.failsafe),
     C.FAILSAFE_SURFACES: Rule(lambda now, _: now.watched.failsafe_surfaces and not now.mode_right),
-    C.FAILSAFE_UNSAFE: Rule(
-        lambda now, limits: not pilot_failsafe_acts(now.parameters, limits),
-        ("max_pilot_timeout_s",),
-        blocks=True,
-    ),
+    C.FAILSAFE_UNSAFE: Rule(lambda now, limits: not pilot_failsafe_acts(now.parameters, limits), blocks=True),
     C.PREFLIGHT_FAILURE: Rule(lambda now, _: C.PREFLIGHT_FAILURE in now.observed.details, blocks=True),
     C.SATURATED: Rule(
-        lambda now, limits: not now.watched.saturated_s <= limits.saturated_s,
-        ("saturated_s",),
-        warns=True,
-        freezes=True,
+        lambda now, limits: not now.watched.saturated_s <= limits.saturated_s, warns=True, freezes=True
     ),
-    C.OFF_TRACK: Rule(
-        lambda now, limits: not now.watched.off_track_s <= limits.off_track_s,
-        ("max_error_m", "max_error_deg", "off_track_s"),
-    ),
-    C.CLOCK_JUMPED: Rule(
-        lambda now, _: not now.observed.state.clock_doubt_s <= 0.0, warns=True, freezes=True
-    ),
-    C.INNOVATION_LARGE: Rule(_innovation_large, ("max_innovation_m", "max_innovation_deg"), blocks=True),
+    C.OFF_TRACK: Rule(lambda now, limits: not now.watched.off_track_s <= limits.off_track_s),
+    C.CLOCK_JUMPED: Rule(lambda now, _: not now.state.clock_doubt_s <= 0.0, warns=True, freezes=True),
+    C.INNOVATION_LARGE: Rule(_innovation_large, blocks=True),
     C.QUEUE_FULL: Rule(lambda now, _: now.watched.samples_dropped, warns=True),
     C.CONFIG_CHANGED: Rule(lambda now, _: now.watched.config_changed, warns=True),
     C.PEER_CHANGED: Rule(lambda now, _: now.watched.peer_changed, warns=True),
-    C.PILOT_TAKEOVER: Rule(
-        lambda now, limits: (
-            now.observed.full_override or not now.watched.pilot_deflection <= limits.pilot_deflection
-        ),
-        ("pilot_deflection", "pilot_hold_s"),
-    ),
+    C.PILOT_TAKEOVER: Rule(_pilot_takes_over),
     C.PILOT_LOST: Rule(_pilot_lost, blocks=True),
     C.PILOT_LOST_SURFACE: Rule(
         lambda now, limits: now.ground_station.on_loss == "surface" and _pilot_lost(now, limits)
     ),
-    C.DISARMED: Rule(lambda now, _: not now.observed.state.armed, blocks=True),
+    C.DISARMED: Rule(lambda now, _: not now.state.armed, blocks=True),
     C.WRONG_MODE: Rule(lambda now, _: not now.mode_right, blocks=True),
-    C.RAMPED_DOWN: Rule(lambda now, _: now.ramped_down, ("ramp_down_s",)),
+    C.RAMPED_DOWN: Rule(lambda now, _: now.ramped_down),
     C.HAND_OVER_HELD: Rule(lambda now, _: now.hand_over is HandOverStep.HELD),
-    C.HANDED_OVER: Rule(lambda now, _: now.hand_over is HandOverStep.DONE, ("keep_alt_hold_s",)),
+    C.HANDED_OVER: Rule(lambda now, _: now.hand_over is HandOverStep.DONE),
     C.SURFACED: Rule(lambda now, _: now.hand_over is HandOverStep.SURFACED),
     C.HAND_OVER_REFUSED: Rule(lambda now, _: now.hand_over is HandOverStep.REFUSED),
     C.OPERATOR_STOP: Rule(lambda now, _: Request.STOP in now.observed.requests),
@@ -260,62 +205,53 @@ class Transition(NamedTuple):
 
 T = Transition
 
+
+def _from(at: State, *ways: tuple[State, *tuple[Condition, ...]]) -> Iterator[Transition]:
+    """Give the rows of a state: where it goes, and by which conditions."""
+    return (T(at, condition, NOTHING, to) for to, *conditions in ways for condition in conditions)
+
+
 # The first row that matches is taken, one row a tick.
 TRANSITIONS = (
-    T(S.IDLE, C.NON_FINITE, NOTHING, S.FAULT),
+    *_from(S.IDLE, (S.FAULT, C.NON_FINITE)),
     T(S.IDLE, NOTHING, BLOCKING, S.READY, "all conditions for engaging are met"),
-    T(S.READY, C.NON_FINITE, NOTHING, S.FAULT),
+    *_from(S.READY, (S.FAULT, C.NON_FINITE)),
     T(S.READY, BLOCKING, NOTHING, S.IDLE, "a condition for engaging is not met"),
     T(S.READY, C.ENGAGE_ASKED, C.PILOT_TAKEOVER | C.OPERATOR_STOP, S.ACTIVE, "engaged"),
-    T(S.ACTIVE, C.NON_FINITE, NOTHING, S.FAULT),
-    T(S.ACTIVE, C.LINK_LOST, NOTHING, S.FAULT),
-    T(S.ACTIVE, C.REBOOTED, NOTHING, S.FAULT),
-    T(S.ACTIVE, C.DEPTH_STALE, NOTHING, S.FAULT),
-    T(S.ACTIVE, C.ATTITUDE_STALE, NOTHING, S.FAULT),
-    T(S.ACTIVE, C.DISARMED, NOTHING, S.IDLE),
-    T(S.ACTIVE, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.WRONG_MODE, NOTHING, S.PILOT),
-    T(S.ACTIVE, C.PILOT_TAKEOVER, NOTHING, S.PILOT),
-    T(S.ACTIVE, C.OTHER_FIRST, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.FAILSAFE_UNSAFE, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.PREFLIGHT_FAILURE, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.EKF_UNHEALTHY, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.DEPTH_OUT_OF_BOUNDS, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.TICK_LATE, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.LEAK, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.AUTOPILOT_FAILSAFE, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.PILOT_LOST_SURFACE, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.PILOT_LOST, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.OPERATOR_STOP, NOTHING, S.RAMP_DOWN),
-    T(S.ACTIVE, C.DELAY_TOO_LONG, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.CLOCK_INCONSISTENT, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.INNOVATION_LARGE, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.THRUSTER_MISSED, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.TILT_PERSISTS, NOTHING, S.HAND_OVER),
-    T(S.ACTIVE, C.OFF_TRACK, NOTHING, S.HAND_OVER),
-    T(S.RAMP_DOWN, C.NON_FINITE, NOTHING, S.FAULT),
-    T(S.RAMP_DOWN, C.LINK_LOST, NOTHING, S.FAULT),
-    T(S.RAMP_DOWN, C.REBOOTED, NOTHING, S.FAULT),
-    T(S.RAMP_DOWN, C.DEPTH_STALE, NOTHING, S.FAULT),
-    T(S.RAMP_DOWN, C.ATTITUDE_STALE, NOTHING, S.FAULT),
-    T(S.RAMP_DOWN, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER),
-    T(S.RAMP_DOWN, C.WRONG_MODE, NOTHING, S.PILOT),
-    T(S.RAMP_DOWN, C.PILOT_TAKEOVER, NOTHING, S.PILOT),
-    T(S.RAMP_DOWN, C.DISARMED, NOTHING, S.IDLE),
-    T(S.RAMP_DOWN, C.RAMPED_DOWN, NOTHING, S.IDLE),
-    T(S.HAND_OVER, C.NON_FINITE, NOTHING, S.FAULT),
-    T(S.HAND_OVER, C.LINK_LOST, NOTHING, S.FAULT),
-    T(S.HAND_OVER, C.REBOOTED, NOTHING, S.FAULT),
-    T(S.HAND_OVER, C.FAILSAFE_SURFACES, NOTHING, S.HAND_OVER),
-    T(S.HAND_OVER, C.WRONG_MODE, NOTHING, S.PILOT),
-    T(S.HAND_OVER, C.PILOT_TAKEOVER, NOTHING, S.PILOT),
-    T(S.HAND_OVER, C.DISARMED, NOTHING, S.IDLE),
-    T(S.HAND_OVER, C.OPERATOR_STOP, NOTHING, S.PILOT),
-    T(S.HAND_OVER, C.HAND_OVER_REFUSED, NOTHING, S.FAULT),
-    T(S.HAND_OVER, C.HANDED_OVER, NOTHING, S.PILOT),
-    T(S.HAND_OVER, C.SURFACED, NOTHING, S.HAND_OVER),
-    T(S.HAND_OVER, C.HAND_OVER_HELD, NOTHING, S.HAND_OVER),
-    T(S.PILOT, C.NON_FINITE, NOTHING, S.FAULT),
+    *_from(
+        S.ACTIVE,
+        (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED, C.DEPTH_STALE, C.ATTITUDE_STALE),
+        (S.IDLE, C.DISARMED),
+        (S.HAND_OVER, C.FAILSAFE_SURFACES),
+        (S.PILOT, C.WRONG_MODE, C.PILOT_TAKEOVER),
+        (S.RAMP_DOWN, C.OTHER_FIRST, C.FAILSAFE_UNSAFE, C.PREFLIGHT_FAILURE),
+        (S.RAMP_DOWN, C.EKF_UNHEALTHY, C.DEPTH_OUT_OF_BOUNDS, C.TICK_LATE),
+        (S.HAND_OVER, C.LEAK),
+        (S.RAMP_DOWN, C.AUTOPILOT_FAILSAFE),
+        (S.HAND_OVER, C.PILOT_LOST_SURFACE),
+        (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP),
+        (S.HAND_OVER, C.DELAY_TOO_LONG, C.CLOCK_INCONSISTENT, C.INNOVATION_LARGE),
+        (S.HAND_OVER, C.THRUSTER_MISSED, C.TILT_PERSISTS, C.OFF_TRACK),
+    ),
+    *_from(
+        S.RAMP_DOWN,
+        (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED, C.DEPTH_STALE, C.ATTITUDE_STALE),
+        (S.HAND_OVER, C.FAILSAFE_SURFACES),
+        (S.PILOT, C.WRONG_MODE, C.PILOT_TAKEOVER),
+        (S.IDLE, C.DISARMED, C.RAMPED_DOWN),
+    ),
+    *_from(
+        S.HAND_OVER,
+        (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED),
+        (S.HAND_OVER, C.FAILSAFE_SURFACES),
+        (S.PILOT, C.WRONG_MODE, C.PILOT_TAKEOVER),
+        (S.IDLE, C.DISARMED),
+        (S.PILOT, C.OPERATOR_STOP),
+        (S.FAULT, C.HAND_OVER_REFUSED),
+        (S.PILOT, C.HANDED_OVER),
+        (S.HAND_OVER, C.SURFACED, C.HAND_OVER_HELD),
+    ),
+    *_from(S.PILOT, (S.FAULT, C.NON_FINITE)),
     T(S.PILOT, C.ENGAGE_ASKED, C.PILOT_TAKEOVER, S.IDLE),
     T(S.FAULT, C.CLEAR_ASKED, C.NON_FINITE, S.IDLE),
 )

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
 from companion.supervision.conditions import BLOCKING
 from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
-from companion.telemetry.conditions import NO_DETAILS, Details, text
-from companion.telemetry.glossary import ENGAGE, advised
+from companion.telemetry.glossary import ENGAGE, NO_DETAILS, Details, advised, text
 from companion.telemetry.modes import Mode
 
 C = Condition
 
 BLOCKING_ARMED = BLOCKING & ~C.DISARMED
 """What forbids engaging an armed vehicle."""
-
 CONFIRMS = frozenset({"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT"})
 """Read again on a request to engage: the notice of a change may be lost."""
 
@@ -37,10 +35,8 @@ class Engagement:
     @property
     def details(self) -> Details:
         """What there is to do about a vehicle that is disarmed, beyond arming it."""
-        if not self._arm:
-            return NO_DETAILS
         todo = "wait: Holdfast arms it" if self._wanted else f"{ENGAGE}: that arms it too"
-        return {C.DISARMED: ("", todo)}
+        return {C.DISARMED: ("", todo)} if self._arm else NO_DETAILS
 
     def refusal(self, request: Request, verdict: Verdict, mode: int, details: Details) -> str:
         """Return why a request is refused and what to do; empty where it is accepted.

@@ -9,19 +9,36 @@ from collections.abc import Mapping
 
 from companion.records import Condition, State, VehicleState, Verdict, Z
 from companion.supervision.handover import AT_SURFACE_M, KEEP_ALIVE_S, HandOver, HandOverStep
-from companion.supervision.steering_mode import ModeKeeper
 from companion.telemetry.modes import FAILSAFE, Mode
 
+STEERING_MODES = {"manual": Mode.MANUAL, "stabilize": Mode.STABILIZE}
+"""`vehicle.steering_mode`: in MANUAL yaw is ours, in STABILIZE the firmware keeps roll, pitch and heading."""
+GIVEN_BACK = frozenset({Mode.MANUAL, Mode.STABILIZE, Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
+"""Modes that are safe to restore while nobody watches the vehicle."""
+HOLDS_DEPTH = frozenset({Mode.ALT_HOLD, Mode.POSHOLD, Mode.SURFTRAK})
+"""Entered directly from MANUAL the vehicle can sink in these (docs/ardusub.md, "Modes and arming")."""
+GIVE_BACK_S = 5.0
+"""The previous mode is requested for this time, then no longer."""
+VIA_STABILIZE_CALLS = 2
+"""Frames of shutdown that request STABILIZE first: one may be lost."""
 NEUTRAL_FRAMES_S = 0.5
 """Neutral frames are sent this long after our steering, or that of a companion that failed. Then silence, so
 that the autopilot's failsafe detects a lost pilot."""
 
 
 class FlightMode:
-    """Requests modes, and knows whether the vehicle follows our frames."""
+    """Requests modes, and knows whether the vehicle follows our frames.
+
+    The mode of before engaging is restored after a release, unless the pilot changed the mode, or after a
+    fault. The SURFACE mode of a failsafe is always kept.
+    """
 
     def __init__(self, steering: Mode) -> None:
-        self._keeper = ModeKeeper(steering)
+        self._steering = steering
+        self._previous_mode: Mode | None = None
+        self._mode = -1
+        self._released_s: float | None = None
+        self._restores = 0
         self._hand_over = HandOver()
         self._neutral_until_s = self._kept_alive_s = -math.inf
         self._had_authority = self._heard = False
@@ -44,14 +61,12 @@ class FlightMode:
             thrusting=verdict.authority > 0.0,
             pilot_heard_s=pilot_heard_s,
             keep_s=keep_s,
-            at_surface=bool(state.eta[Z] <= surface_m + AT_SURFACE_M),
+            at_surface=state.eta[Z] <= surface_m + AT_SURFACE_M,
         )
 
     def is_right(self, verdict: Verdict, mode: int) -> bool:
         """Tell whether the state of `verdict` may steer or hand over in `mode`."""
-        if verdict.state is State.HAND_OVER:
-            return self._hand_over.allows(mode)
-        return mode == self._keeper.steering
+        return self._hand_over.allows(mode) if verdict.state is State.HAND_OVER else mode == self._steering
 
     def update(self, previous: Verdict, verdict: Verdict, state: VehicleState) -> None:
         """Begin a hand-over if `verdict` requires one."""
@@ -66,12 +81,37 @@ class FlightMode:
 
     def wanted(self, verdict: Verdict, state: VehicleState, *, engage: bool) -> Mode | None:
         """Return the mode to request now; None for no request."""
-        mode = self._keeper.wanted(state.t_s, state.mode, verdict.state, engage=engage)
-        return self._hand_over.wanted if verdict.state is State.HAND_OVER else mode
+        now_s, self._mode = state.t_s, state.mode
+        mode = self._mode
+        if verdict.state in (State.PILOT, State.FAULT, State.HAND_OVER):
+            self._previous_mode = None
+            return self._hand_over.wanted if verdict.state is State.HAND_OVER else None
+        if engage or verdict.state in (State.ACTIVE, State.RAMP_DOWN):
+            self._released_s = None
+            if mode in GIVEN_BACK and mode != self._steering:
+                self._previous_mode = Mode(mode)
+            return None if mode == Mode.SURFACE else self._steering
+        if self._released_s is None:
+            self._released_s = now_s
+        if now_s - self._released_s > GIVE_BACK_S or not self._is_ours(mode):
+            self._previous_mode = None
+        return self._next(mode)
 
     def restore_mode(self) -> Mode | None:
-        """Return the mode to request with each shutdown frame; None for no request."""
-        return self._keeper.restore_mode()
+        """Return the mode to request with each frame of shutdown, one after the other; None for leave it."""
+        if not self._is_ours(self._mode):
+            return None
+        self._restores += 1
+        via = self._restores <= VIA_STABILIZE_CALLS
+        return self._next(self._mode) if via else self._previous_mode
+
+    def _is_ours(self, mode: int) -> bool:
+        return mode != self._previous_mode and mode in (self._steering, Mode.STABILIZE)
+
+    def _next(self, mode: int) -> Mode | None:
+        if self._previous_mode in HOLDS_DEPTH and mode != Mode.STABILIZE:
+            return Mode.STABILIZE
+        return self._previous_mode
 
     def steers(self, verdict: Verdict, state: VehicleState) -> bool:
         """Tell whether a steering frame is sent: while ACTIVE or with authority, and NEUTRAL_FRAMES_S longer.

@@ -38,8 +38,7 @@ def guard(
     Axes that are `held` carry what is `wanted`: finite, bounded, slew-limited; neutral unless permitted. The
     others carry the pilot's `sticks` as they are: finite and within full stick.
 
-    The loss of permission is not slew-limited: neutral at once. Authority scales forces, before the thruster
-    curve (`control.actuation`): a ramp of an axis would not be a ramp of the force.
+    The loss of permission is not slew-limited: neutral at once. Authority scales forces, in `core.actuation`.
     """
     permitted = verdict.state in CARRY_AUTHORITY and 0.0 < verdict.authority <= 1.0
     most = (*(envelope.max_axis,) * 4, *(envelope.max_tilt_axis,) * 2)

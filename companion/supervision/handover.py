@@ -1,14 +1,7 @@
 """The hand-over to the autopilot's depth hold or ascent, and the neutral frames that keep it armed.
 
-A vehicle that enters ALT_HOLD directly from MANUAL can sink by half a metre; through STABILIZE with neutral
-throttle it does not (docs/ardusub.md, "Modes and arming"). The sequence is: ramp down, STABILIZE, a second of
-neutral, ALT_HOLD. Each mode is requested until the heartbeat confirms it.
-
-3 s after the last steering message the pilot-input failsafe disarms by default (docs/ardusub.md, "Silence").
-Therefore neutral frames continue, one a second (0.36 Hz is enough), until a pilot steers or `keep_s` has
-passed; then we are silent and the autopilot's failsafes act. `keep_s` does not apply during an ascent, at
-the surface, and after a hand-over because of tilt: a disarmed vehicle could sink. At the surface the firmware
-changes from SURFACE to ALT_HOLD by itself.
+docs/supervisor.md describes it. A vehicle that enters ALT_HOLD directly from MANUAL can sink by half a metre;
+through STABILIZE with neutral throttle it does not (docs/ardusub.md, "Modes and arming", "Silence").
 """
 
 from enum import Enum, auto
@@ -16,20 +9,21 @@ from enum import Enum, auto
 from companion.telemetry.modes import Mode
 
 SETTLE_S = 1.0
+"""Of neutral frames in STABILIZE: the vehicle comes to rest."""
 REFUSED_S = 8.0
+"""Twice what the way takes: a ramp, the second of neutral, and two modes, each confirmed within a second."""
 KEEP_ALIVE_S = 1.0
+"""FS_PILOT_TIMEOUT is 3 s by default; 0.36 Hz would do."""
 AT_SURFACE_M = 0.5
 """The firmware may detect the surface this far below SURFACE_DEPTH: its zero of depth differs from ours."""
 
 
 class HandOverStep(Enum):
-    """The result of one tick of the hand-over."""
+    """The result of one tick of the hand-over; HELD: ALT_HOLD is confirmed and kept alive."""
 
     NONE = auto()
-    """There is no hand-over."""
     RUNNING = auto()
     HELD = auto()
-    """ALT_HOLD is confirmed, and neutral frames keep the vehicle armed until somebody takes over."""
     DONE = auto()
     REFUSED = auto()
     SURFACED = auto()
@@ -71,8 +65,7 @@ class HandOver:
             self._held_s = now_s if self._held_s is None else self._held_s
             self.wanted = None
             kept = now_s - self._held_s < keep_s or self._for_good
-            relieved = pilot_heard_s > self._held_s or not kept
-            if relieved:
+            if pilot_heard_s > self._held_s or not kept:
                 return HandOverStep.DONE
             return HandOverStep.RUNNING if self._rises else HandOverStep.HELD
         if now_s - self._since_s > REFUSED_S:

@@ -7,6 +7,7 @@ from companion.config import SupervisorLimits
 from companion.records import (
     PSI,
     EkfStatus,
+    Event,
     Heartbeat,
     Leak,
     OtherHoldfast,
@@ -28,58 +29,50 @@ from companion.telemetry.modes import FAILSAFE, Mode
 
 FAILSAFE_SETTLE_S = 1.5
 """A silent companion latches the pilot failsafe; the first heartbeat of its steering may still report it."""
-
 LEAK_REPEAT_S = 25.0
+"""ArduSub repeats the report of a leak every 20 s."""
 ANNOUNCED_S = 2.0
+"""How long an event that is over is told: screens are read at some Hz."""
 INNOVATION_MEMORY_S = 0.5
 STEADY_S = 60.0
 """So long after an interruption the next one is not told anew."""
-
 RECOVERS_PER_S = 0.1
 """What a second without an interruption takes off their sum."""
-
 RECOVERS_S = 5.0
 """After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
-
 DEPTH_HELD_M = 0.3
 """A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
-
-
 CONTACT_S = 5.0
 """A link that was silent for longer is a new contact."""
-
 OTHER_S = 3.0
 """Another Holdfast that is heard sooner after our contact was first; unheard for so long, it has gone. One
 that came later steers no longer than this, or believes itself to be first."""
 
+NEVER = -math.inf
+
 
 class Monitor:
-    """Observes every tick, and returns durations and recent reports as `Watched`."""
+    """Observes every tick; durations and recent reports stand in `watched`."""
 
     def __init__(self) -> None:
-        self._ekf: EkfStatus | None = None
-        self._config_changed = False
-        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = -math.inf
-        self._changed_t_s = self._dropped_t_s = self._peer_t_s = -math.inf
+        self.watched = Watched()
+        self.pilot_heard_s = NEVER
+        """When somebody else last sent a steering message, deflected or not."""
+        self._pilot_t_s = self._leak_t_s = self._rebooted_t_s = self._interrupted_t_s = NEVER
+        self._changed_t_s = self._dropped_t_s = self._peer_t_s = NEVER
         self._pilot_deflection = 0.0
         self._heartbeat: Heartbeat | None = None
-        self._surfaces = False
         self._steering_since_s: float | None = None
-        self._dropped = self._peer_changes = 0
-        self._ekf_doubt_s = self._battery_low_s = self._saturated_s = self._off_track_s = 0.0
-        self._tilted_s = self._interrupted_s = 0.0
-        self._interrupted_t_s = -math.inf
-        self._dead_motor, self._without_since_s = 0, -math.inf
-        self._mean_innovation = [0.0] * 4
         self._contact_s: float | None = None
-        self._other_since_s = self._other_t_s = -math.inf
+        self._dropped = self._peer_changes = 0
+        self._dead_motor, self._without_since_s = 0, NEVER
+        self._mean_innovation = [0.0] * 4
+        self._other_since_s = self._other_t_s = NEVER
         self._other_first = False
-        self.pilot_heard_s = -math.inf
-        """When somebody else last sent a steering message, deflected or not."""
 
     def config_changed(self) -> None:
-        """Note that our configuration changed."""
-        self._config_changed = True
+        """Note that our configuration changed, between two ticks."""
+        self._changed_t_s = math.inf
 
     def step(
         self,
@@ -95,94 +88,95 @@ class Monitor:
 
         `active` and `steered` tell of the last tick whether it was ACTIVE, and carried authority.
         """
-        dt_s, loop, held = observed.dt_s, observed.loop, observed.held
-        state, dofs = observed.state, observed.dofs
-        now_s = state.t_s
-        if self._config_changed:
-            self._config_changed, self._changed_t_s = False, now_s
+        state, loop, now_s = observed.state, observed.loop, observed.state.t_s
+        self._changed_t_s = min(self._changed_t_s, now_s)
         for event in observed.events:
-            match event:
-                case Heartbeat():
-                    self._surfaces = event.mode == Mode.SURFACE and (self._surfaces or self._latches(event))
-                    self._heartbeat = event
-                case PilotSticks():
-                    self.pilot_heard_s = event.t_s
-                case PilotInput():
-                    self.pilot_heard_s = event.t_s
-                    if event.deflection > limits.pilot_deflection:
-                        self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
-                case OtherHoldfast():
-                    self._hear_other(event)
-                case EkfStatus():
-                    self._ekf = event
-                case Leak():
-                    self._leak_t_s = event.t_s
-                case Parameter() if parameters.get(event.name, event.value) != event.value:
-                    self._changed_t_s = event.t_s
-                case Reboot():
-                    self._rebooted_t_s, self._ekf = event.t_s, None
-        if not state.ages.link_s <= CONTACT_S:
-            self._contact_s = None
-        elif self._contact_s is None:
-            self._contact_s = now_s
-        if not steered:
-            self._steering_since_s = None
-        elif self._steering_since_s is None:
-            self._steering_since_s = now_s
+            self._hear(event, limits, parameters)
+        self._contact_s = _since(self._contact_s, now_s, holds=state.ages.link_s <= CONTACT_S)
+        self._steering_since_s = _since(self._steering_since_s, now_s, holds=steered)
         if loop.peer_changes > self._peer_changes:
             self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
-        doubtful = self._ekf is not None and ekf_is_doubtful(self._ekf, limits)
-        self._ekf_doubt_s = _lasting(self._ekf_doubt_s, dt_s, doubtful)
-        self._battery_low_s = _lasting(self._battery_low_s, dt_s, voltage_is_low(state.voltage_v, limits))
-        saturated = off_track = False
-        if dofs is not None and steered:
-            for ours, cut, e, most in zip(held, dofs.saturated, dofs.e, _max_error(limits), strict=True):
-                saturated = saturated or (ours and cut)
-                off_track = off_track or (ours and not abs(e) <= most)
-        self._saturated_s = _lasting(self._saturated_s, dt_s, saturated)
         if state.dead_motor != self._dead_motor:
             self._dead_motor, self._without_since_s = state.dead_motor, now_s
-        recovers = now_s - self._without_since_s <= RECOVERS_S
-        self._off_track_s = _lasting(self._off_track_s, dt_s, off_track and not recovers)
-        depth_held = dofs is not None and steered and held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
-        self._tilted_s = _lasting(self._tilted_s, dt_s, tilted(observed, limits) and not depth_held)
+        self._measure(observed, limits, active=active, steered=steered, tick_s=tick_s)
+        self._average(observed)
+        watched, other_here = self.watched, now_s - self._other_t_s <= OTHER_S
+        pilot_steers = now_s - self._pilot_t_s <= limits.pilot_hold_s
+        watched.pilot_deflection = self._pilot_deflection if pilot_steers else 0.0
+        watched.failsafe = self._failsafe()
+        watched.other_first = other_here and self._other_first
+        watched.other_came = other_here and not self._other_first
+        watched.rebooted = now_s - self._rebooted_t_s <= ANNOUNCED_S
+        watched.leaking = now_s - self._leak_t_s <= LEAK_REPEAT_S
+        watched.unsteady = now_s - self._interrupted_t_s <= STEADY_S
+        watched.samples_dropped = now_s - self._dropped_t_s <= ANNOUNCED_S
+        watched.peer_changed = now_s - self._peer_t_s <= ANNOUNCED_S
+        watched.config_changed = now_s - self._changed_t_s <= ANNOUNCED_S
+        return watched
+
+    def _hear(self, event: Event, limits: SupervisorLimits, parameters: Mapping[str, float]) -> None:
+        watched = self.watched
+        match event:
+            case Heartbeat():
+                latches = watched.failsafe_surfaces or self._latches(event)
+                watched.failsafe_surfaces = event.mode == Mode.SURFACE and latches
+                self._heartbeat = event
+            case PilotSticks():
+                self.pilot_heard_s = event.t_s
+            case PilotInput():
+                self.pilot_heard_s = event.t_s
+                if event.deflection > limits.pilot_deflection:
+                    self._pilot_t_s, self._pilot_deflection = event.t_s, event.deflection
+            case OtherHoldfast():
+                self._hear_other(event)
+            case EkfStatus():
+                watched.ekf = event
+            case Leak():
+                self._leak_t_s = event.t_s
+            case Parameter() if parameters.get(event.name, event.value) != event.value:
+                self._changed_t_s = event.t_s
+            case Reboot():
+                self._rebooted_t_s, watched.ekf = event.t_s, None
+
+    def _measure(
+        self, observed: Observation, limits: SupervisorLimits, *, active: bool, steered: bool, tick_s: float
+    ) -> None:
+        """Count how long each lasts that has to last."""
+        watched, dt_s, state, dofs = self.watched, observed.dt_s, observed.state, observed.dofs
+        saturated = off_track = depth_held = False
+        if dofs is not None and steered:
+            largest = [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]
+            for held, cut, e, most in zip(observed.held, dofs.saturated, dofs.e, largest, strict=True):
+                saturated = saturated or (held and cut)
+                off_track = off_track or (held and not abs(e) <= most)
+            depth_held = observed.held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
+        recovers = state.t_s - self._without_since_s <= RECOVERS_S
+        doubtful = watched.ekf is not None and ekf_is_doubtful(watched.ekf, limits)
+        low = voltage_is_low(state.voltage_v, limits)
+        far = tilted(observed, limits) and not depth_held
+        watched.ekf_doubt_s = _lasting(watched.ekf_doubt_s, dt_s, holds=doubtful)
+        watched.battery_low_s = _lasting(watched.battery_low_s, dt_s, holds=low)
+        watched.saturated_s = _lasting(watched.saturated_s, dt_s, holds=saturated)
+        watched.off_track_s = _lasting(watched.off_track_s, dt_s, holds=off_track and not recovers)
+        watched.tilted_s = _lasting(watched.tilted_s, dt_s, holds=far)
         if not active:
-            self._interrupted_s = 0.0
+            watched.interrupted_s = 0.0
         elif interrupted(observed, limits, tick_s):
-            self._interrupted_s, self._interrupted_t_s = self._interrupted_s + dt_s, now_s
+            watched.interrupted_s, self._interrupted_t_s = watched.interrupted_s + dt_s, state.t_s
         else:
-            self._interrupted_s = max(0.0, self._interrupted_s - RECOVERS_PER_S * dt_s)
-        new = dt_s / (dt_s + INNOVATION_MEMORY_S)
-        innovations = zip(self._mean_innovation, state.innovation, strict=True)
+            watched.interrupted_s = max(0.0, watched.interrupted_s - RECOVERS_PER_S * dt_s)
+
+    def _average(self, observed: Observation) -> None:
+        """Average the innovations, with a memory of INNOVATION_MEMORY_S; what is not finite begins anew."""
+        new = observed.dt_s / (observed.dt_s + INNOVATION_MEMORY_S)
+        innovations = zip(self._mean_innovation, observed.state.innovation, strict=True)
         mean = [old + new * (abs(innovation) - old) for old, innovation in innovations]
         self._mean_innovation = mean if all(map(math.isfinite, mean)) else [0.0] * 4
-        mean = [mean * ours for mean, ours in zip(self._mean_innovation, held, strict=True)]
-        return Watched(
-            ekf=self._ekf,
-            ekf_doubt_s=self._ekf_doubt_s,
-            pilot_deflection=self._pilot_deflection
-            if now_s - self._pilot_t_s <= limits.pilot_hold_s
-            else 0.0,
-            rebooted=now_s - self._rebooted_t_s <= ANNOUNCED_S,
-            leaking=now_s - self._leak_t_s <= LEAK_REPEAT_S,
-            failsafe_surfaces=self._surfaces,
-            failsafe=self._failsafe(),
-            battery_low_s=self._battery_low_s,
-            saturated_s=self._saturated_s,
-            off_track_s=self._off_track_s,
-            tilted_s=self._tilted_s,
-            interrupted_s=self._interrupted_s,
-            other_first=self._other_first and now_s - self._other_t_s <= OTHER_S,
-            other_came=not self._other_first and now_s - self._other_t_s <= OTHER_S,
-            unsteady=now_s - self._interrupted_t_s <= STEADY_S,
-            innovation_m=max(mean[:PSI]),
-            innovation_deg=math.degrees(mean[PSI]),
-            samples_dropped=now_s - self._dropped_t_s <= ANNOUNCED_S,
-            peer_changed=now_s - self._peer_t_s <= ANNOUNCED_S,
-            config_changed=now_s - self._changed_t_s <= ANNOUNCED_S,
-        )
+        mean = [mean * held for mean, held in zip(self._mean_innovation, observed.held, strict=True)]
+        self.watched.innovation_m = max(mean[:PSI])
+        self.watched.innovation_deg = math.degrees(mean[PSI])
 
     def _hear_other(self, event: OtherHoldfast) -> None:
         """Who hears the other soon after its own contact is the younger of the two."""
@@ -208,9 +202,10 @@ class Monitor:
         return beat.t_s - since_s > FAILSAFE_SETTLE_S
 
 
-def _lasting(so_far_s: float, dt_s: float, holds: bool) -> float:
+def _lasting(so_far_s: float, dt_s: float, *, holds: bool) -> float:
     return so_far_s + dt_s if holds else 0.0
 
 
-def _max_error(limits: SupervisorLimits) -> list[float]:
-    return [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]
+def _since(began_s: float | None, now_s: float, *, holds: bool) -> float | None:
+    """Return since when it holds; None where it does not."""
+    return (now_s if began_s is None else began_s) if holds else None

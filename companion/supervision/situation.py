@@ -9,7 +9,7 @@ from companion.config import GroundStation, SupervisorLimits
 from companion.records import (
     LEVEL,
     Angles,
-    DofSample,
+    Dofs,
     EkfStatus,
     Event,
     Flags,
@@ -18,7 +18,7 @@ from companion.records import (
     VehicleState,
 )
 from companion.supervision.handover import HandOverStep
-from companion.telemetry.conditions import NO_DETAILS, Details
+from companion.telemetry.glossary import NO_DETAILS, Details
 
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,21 +30,16 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     held: Flags
     """The degrees of freedom that are held, or while nothing is those that would be."""
     angles: Angles = LEVEL
-    """At which roll and pitch are held."""
     events: Sequence[Event] = ()
     requests: Sequence[Request] = ()
     awaits_position: bool = False
-    """Whether x and y are wanted, and are not held without a position."""
+    """This and the three next: as guidance has them."""
     offers_position: bool = False
-    """Whether a position came while others are held, and nothing wants x and y."""
     wants_ground: bool = False
-    """Whether an altitude over the ground is to be kept."""
     doubts_range: bool = False
-    """Whether the range did not answer the vehicle's motion."""
-    dofs: DofSample | None = None
-    """The last tick's."""
+    dofs: Dofs | None = None
     finite: bool = True
-    """Whether the last tick computed finite values."""
+    """Of the last tick: what it computed, and whether that was finite."""
     misses_motor: bool = False
     """Whether the others cannot do the work of a motor that gives no thrust."""
     full_override: bool = False
@@ -53,11 +48,10 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """Of PREFLIGHT_FAILURE the rows of `check` that forbid engaging, of LINK_LOST what arrives instead."""
 
 
-class Watched(msgspec.Struct, frozen=True, kw_only=True):
+class Watched(msgspec.Struct, kw_only=True):
     """What takes time to observe (`monitor.py`): how long something lasted, what was reported recently."""
 
     ekf: EkfStatus | None = None
-    """The newest report, None before the first."""
     ekf_doubt_s: float = 0.0
     pilot_deflection: float = 0.0
     rebooted: bool = False
@@ -70,14 +64,13 @@ class Watched(msgspec.Struct, frozen=True, kw_only=True):
     saturated_s: float = 0.0
     off_track_s: float = 0.0
     tilted_s: float = 0.0
+    """Too far from its angle, and from its depth."""
     other_first: bool = False
-    """Whether another Holdfast with our ids was there first, or does not let go."""
     other_came: bool = False
-    """Whether one came later."""
+    """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
     interrupted_s: float = 0.0
     """How long steering was interrupted of late; the time between interruptions takes a part off."""
     unsteady: bool = False
-    """Whether it was interrupted less than a minute ago."""
     innovation_m: float = 0.0
     innovation_deg: float = 0.0
     """Mean absolute innovation: measurement minus prediction."""
@@ -92,19 +85,22 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     observed: Observation
     watched: Watched
     parameters: Mapping[str, float]
-    """The autopilot's."""
     ground_station: GroundStation
     tick_s: float
     mode_right: bool
     """Whether the flight mode is one in which our present state steers or hands over."""
     active: bool = False
-    """Whether we were ACTIVE in the last tick."""
     steered: bool = False
-    """Whether the last tick carried authority."""
+    """Whether the last tick was ACTIVE, and carried authority."""
     hand_over: HandOverStep = HandOverStep.NONE
     ramped_down: bool = False
     engage: bool = False
     """Whether engaging is requested, and confirmed by the autopilot's failsafe."""
+
+    @property
+    def state(self) -> VehicleState:
+        """What is believed of the vehicle."""
+        return self.observed.state
 
 
 def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:

@@ -7,27 +7,20 @@ import math
 from collections.abc import Mapping, Sequence
 
 from companion.config import Config
-from companion.records import (
-    Condition,
-    Request,
-    State,
-    VehicleState,
-    Verdict,
-)
+from companion.records import Condition, Request, State, VehicleState, Verdict
 from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
-from companion.supervision.flight_mode import FlightMode
+from companion.supervision.flight_mode import STEERING_MODES, FlightMode
 from companion.supervision.monitor import Monitor
 from companion.supervision.situation import Observation, Situation
-from companion.supervision.steering_mode import STEERING_MODES
 from companion.supervision.supervisor import StateMachine
-from companion.telemetry.conditions import NO_DETAILS
+from companion.telemetry.glossary import NO_DETAILS
 from companion.telemetry.modes import Mode
 
 DISARM = 2.0
 """FS_PILOT_INPUT."""
-TOLD_S, LEAST_S = 1.5, 1e-3
-"""Until the heartbeat tells that the vehicle was disarmed it is said to be disarmed at once."""
+BEAT_S, LEAST_S = 1.5, 1e-3
+"""Until the next heartbeat reports that the vehicle was disarmed, it disarms in LEAST_S."""
 
 
 class Supervision:
@@ -120,7 +113,7 @@ class Supervision:
         if self._monitor.pilot_heard_s > self._steered_s:
             return 0.0
         left_s = self._steered_s + self._parameters.get("FS_PILOT_TIMEOUT", 0.0) - state.t_s
-        return max(left_s, LEAST_S) if left_s > -TOLD_S else 0.0
+        return max(left_s, LEAST_S) if left_s > -BEAT_S else 0.0
 
     def wanted_mode(self, state: VehicleState) -> Mode | None:
         """Return the flight mode to request; None for no request."""

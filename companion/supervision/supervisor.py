@@ -6,16 +6,14 @@ TRANSITIONS does not list changes nothing. docs/supervisor.md is made from the t
 
 There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted. RAMP_DOWN: the
 estimate is good for another second, but the autopilot has the same sensors and could do no better. HAND_OVER:
-Holdfast cannot continue, but the autopilot's depth hold can. Tilt alone does not end control: `control.tilt`
-removes the forces that make it worse, heave and levelling stay, and only a lasting tilt causes a HAND_OVER.
+Holdfast cannot continue, but the autopilot's depth hold can.
 """
 
 from functools import cache
 
 from companion.records import Condition, State, Verdict
 from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
-from companion.telemetry.conditions import NO_DETAILS, UNSAID, Details, awaited, detailed
-from companion.telemetry.glossary import STATES
+from companion.telemetry.glossary import NO_DETAILS, STATES, UNSAID, Details, awaited, detailed
 
 C, S = Condition, State
 
@@ -40,20 +38,20 @@ def notices(conditions: Condition) -> tuple[Condition, bool]:
     return conditions & WARNS, bool(conditions & FREEZES)
 
 
-FAULT_CAUSES = NOTHING
-for _row in TRANSITIONS:
-    FAULT_CAUSES |= _row.when if _row.to is S.FAULT else NOTHING
+def _causes(*ends: State) -> Condition:
+    """Return the conditions that lead to one of these states."""
+    return Condition(sum({bit for row in TRANSITIONS if row.to in ends for bit in row.when}))
 
-_LETTING_GO = (
-    BLOCKING & ~(WARNS | C.DISARMED | C.WRONG_MODE) | C.OFF_TRACK | C.FAILSAFE_SURFACES | C.TILT_PERSISTS
-)
+
+FAULT_CAUSES = _causes(S.FAULT)
+_RELEASING = _causes(S.FAULT, S.RAMP_DOWN, S.HAND_OVER)
 
 _MATTERS: dict[State, Condition] = {
     S.IDLE: BLOCKING,
     S.READY: C.PILOT_TAKEOVER,
     S.ACTIVE: WARNS,
-    S.RAMP_DOWN: _LETTING_GO,
-    S.HAND_OVER: _LETTING_GO,
+    S.RAMP_DOWN: _RELEASING,
+    S.HAND_OVER: _RELEASING,
     S.PILOT: BLOCKING | C.PILOT_TAKEOVER,
     S.FAULT: FAULT_CAUSES,
 }
@@ -99,7 +97,7 @@ class StateMachine:
         return max(0.0, self._verdict.authority - dt_s / self.ramp_down_s)
 
     def step(self, conditions: Condition, dt_s: float, details: Details = NO_DETAILS) -> Verdict:
-        """Take one tick's conditions and give the verdict; `details` are what is found of them.
+        """Take one tick's conditions and give the verdict.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
         HAND_OVER, and is 0 everywhere else, and while INTERRUPTED.

@@ -4,14 +4,14 @@ One table for the companion, which obeys, and for all that ask: the web page, `h
 """
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import UNSET
 
 from companion.telemetry import ranges
-from companion.telemetry.fields import means
+from companion.telemetry.fields import fields_of, means, unit_of
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
 from holdfast import validation
@@ -38,10 +38,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Engage(Payload, frozen=True):
-    """Take control and hold. Refused at once if more is missing than the mode and a permitted arming.
-
-    It is withdrawn after 5 s without success.
-    """
+    """Take control and hold, within 5 s. Refused if more is missing than the mode and a permitted arming."""
 
     order = "engage"
 
@@ -83,9 +80,8 @@ class Goto(Payload, frozen=True):
     """Go to a place in a straight line, and hold it; coordinates that are not given stay.
 
     In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
-    and down, and the heading clockwise. It needs a position source for `x_m` and `y_m`, and a rangefinder
-    that looks down for `altitude_m`, which is kept until a depth is given. `roll_deg` and `pitch_deg` are
-    held until others are given or the vehicle is released; they need a vehicle that can pitch (a Heavy).
+    and down, and the heading clockwise. `x_m` and `y_m` need a position source, `altitude_m`, kept until a
+    depth is given, a rangefinder. `roll_deg` and `pitch_deg` are held until the release; they need a Heavy.
     """
 
     order = "go to"
@@ -173,14 +169,6 @@ class SetEstimator(Payload, frozen=True):
     confirm: Confirmed = False
 
 
-class SetRecording(Payload, frozen=True):
-    """Start or stop the recorder of the dashboard, which alone takes this."""
-
-    order = "record"
-
-    on: Annotated[bool, means("true starts a file, false finishes it")]
-
-
 COMMANDS: dict[str, type[Payload]] = {
     "engage": Engage,
     "release": Release,
@@ -210,18 +198,6 @@ class CommandResult(NamedTuple):
         return printable(f"{self.order}: {self.reply.said}")
 
 
-_UNITS = {
-    "_mps2": " m/s²",
-    "_mps": " m/s",
-    "_degps": "°/s",
-    "_per_s": " per s",
-    "_deg": "°",
-    "_m": " m",
-    "_s": " s",
-}
-"""What the end of a field's name says of its unit."""
-
-
 _STEPS = {
     "offset": {"x_m": " m north", "y_m": " m east", "depth_m": " m down", "heading_deg": "° clockwise"},
     "body": {"x_m": " m forward", "y_m": " m right", "depth_m": " m down", "heading_deg": "° clockwise"},
@@ -249,22 +225,11 @@ def in_words(command: Payload) -> str:
 
 
 def _in_words(key: str, value: object, order: str) -> str:
-    suffix = next((suffix for suffix in _UNITS if key.endswith(suffix)), "")
-    name = key.removesuffix(suffix).replace("_", " ")
-    name = {"x": "north", "y": "east"}.get(name, name)
+    name, unit = unit_of(key)
+    name = {"x": "north", "y": "east"}.get(name, name.replace("_", " "))
     number = f"{value:g}" if isinstance(value, float) else str(value)
-    return f"{'' if name in order else f'{name} '}{number}{_UNITS.get(suffix, '')}"
-
-
-class Field(NamedTuple):
-    """A field of a payload. `least` and `most` are None where it is no number."""
-
-    name: str
-    title: str
-    description: str
-    choices: tuple[str, ...]
-    least: float | None
-    most: float | None
+    gap = "" if unit.startswith("°") or not unit else " "
+    return f"{'' if name in order else f'{name} '}{number}{gap}{unit.replace('1/s', 'per s')}"
 
 
 def parse(
@@ -303,21 +268,10 @@ def named(command: Payload) -> dict[str, Any]:
     return {key: value for key, value in values if value is not UNSET}
 
 
-def fields(kind: type[Payload]) -> Iterator[Field]:
-    """Describe what a command takes."""
-    for name, hint in get_type_hints(kind, include_extras=True).items():
-        metas = list(validation.metas(hint))
-        title = next((meta.title for meta in metas if meta.title), name)
-        description = next((meta.description for meta in metas if meta.description), "")
-        choices = validation.choices(hint)
-        least, most = validation.bounds(hint) or (None, None)
-        yield Field(name, title, description, choices, least, most)
-
-
 def _form(kind: type[Payload]) -> str:
     """Return what a command takes, in words."""
     taken = [
-        f"{field.name} ({', '.join(field.choices)})" if field.choices else field.name
-        for field in fields(kind)
+        f"{name} ({', '.join(field.choices)})" if field.choices else name
+        for name, field in fields_of(kind).items()
     ]
     return f"a JSON object with {', '.join(taken) or 'nothing in it: {}'}"

@@ -1,25 +1,26 @@
 """What happened in a tick, in words: for the `event` key, the log and the recording."""
 
 import math
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Iterator, Sequence
 
-from companion.records import Condition, ControlSample, FrameShift, Guided, State
+from companion.records import Condition, ControlSample, FrameShift, State, Verdict
 from companion.telemetry.commands import CommandResult
-from companion.telemetry.conditions import UNSAID
 from companion.telemetry.glossary import (
     DEAD_MOTOR,
     HOLD_HERE,
     STATES,
     TRUSTED_MOTOR,
+    UNSAID,
     Severity,
     course,
     on_engaging,
 )
-from companion.telemetry.schemas import Event, printable
+from companion.telemetry.schemas import Event, Kind, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET | Condition.DEPTH_RESET
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
+
+Happened = Iterator[tuple[Severity, Kind, str]]
 
 
 class EventLog:
@@ -47,86 +48,89 @@ class EventLog:
         `results` are the commands that were answered, `duplicate_instances` the other companions of this
         vehicle's name that came, `peer_changes` which link got another peer.
         """
-        verdict = sample.verdict
-        conditions = verdict.conditions & ~UNSAID
-        happened: list[tuple[Severity, Literal["state", "command", "autopilot", "condition"], str]] = [
-            ("info" if result.reply.done else "warning", "command", result.text) for result in results
-        ]
-        if sample.refused:
-            happened.append(("warning", "command", f"engage by button: refused: {sample.refused}"))
-        happened += [
-            ("warning", "condition", f"another companion of this name came: instance {printable(instance)}")
-            for instance in duplicate_instances
-        ]
-        happened += [("warning", "condition", change) for change in peer_changes]
-        for text in sample.texts:
-            severity: Severity = "info"
-            if text.severity <= MAV_SEVERITY_WARNING:
-                severity = "fault" if text.severity <= MAV_SEVERITY_ERROR else "warning"
-            happened.append((severity, "autopilot", text.text))
-        if self._state is None:
-            self._conditions = conditions  # the first state's reason names them
-        elif conditions != self._conditions:
-            begun, ended = conditions & ~self._conditions, self._conditions & ~conditions
-            happened += [("warning", "condition", begins.text) for begins in begun]
-            happened += [("info", "condition", ends.ended) for ends in ended]
-            self._conditions = conditions
-        if sample.state.dead_motor != self._dead_motor:
-            happened.append(_motor(self._dead_motor, sample.state.dead_motor))
-            self._dead_motor = sample.state.dead_motor
-        guided = sample.guided
-        if (guided.number, guided.kind) != self._guided:
-            self._guided = guided.number, guided.kind
-            if guided.number and guided.kind and not guided.pending:
-                happened.append(_course(guided))
-        happened += self._reset(sample)
-        goes_on = verdict.state is State.HAND_OVER and verdict.reason != self._reason
-        self._reason = verdict.reason
-        if verdict.state is not self._state or goes_on:
-            self._state = verdict.state
-            severity = STATES[verdict.state].severity
-            happened.append((severity, "state", f"{verdict.state}: {verdict.reason}"))
-        if guided.pending != self._pending:
-            self._pending = guided.pending
-            if not any(sample.dofs.engaged):
-                happened.append(("info", "state", on_engaging(printable(guided.pending) or HOLD_HERE)))
-        if not happened:
-            return []
         state = sample.state
+        happened = (
+            *_told(sample, results, duplicate_instances, peer_changes),
+            *self._condition_changes(sample.verdict),
+            *self._motor_changes(state.dead_motor),
+            *self._course_changes(sample),
+            *self._reset(sample),
+            *self._state_changes(sample),
+        )
         return [
             Event(t_s=state.t_s, boot_s=state.boot_s, severity=severity, kind=kind, text=text)
             for severity, kind, text in happened
         ]
 
-    def _reset(self, sample: ControlSample) -> list[tuple[Severity, Literal["condition"], str]]:
+    def _condition_changes(self, verdict: Verdict) -> Happened:
+        before, now = self._conditions, verdict.conditions & ~UNSAID
+        self._conditions = now
+        if self._state is not None and before != now:  # the first state's reason names them
+            for begins in now & ~before:
+                yield "warning", "condition", begins.text
+            for ends in before & ~now:
+                yield "info", "condition", ends.ended
+
+    def _motor_changes(self, dead_motor: int) -> Happened:
+        before, self._dead_motor = self._dead_motor, dead_motor
+        if dead_motor != before:
+            words = DEAD_MOTOR.format(dead_motor) if dead_motor else TRUSTED_MOTOR.format(before)
+            yield "warning" if dead_motor else "info", "condition", words
+
+    def _course_changes(self, sample: ControlSample) -> Happened:
+        guided = sample.guided
+        before, self._guided = self._guided, (guided.number, guided.kind)
+        if before != self._guided and guided.number and guided.kind and not guided.pending:
+            severity: Severity = "warning" if guided.kind == "refused" else "info"
+            yield severity, "state", course(guided.kind, printable(guided.name))
+
+    def _state_changes(self, sample: ControlSample) -> Happened:
+        verdict, pending = sample.verdict, sample.guided.pending
+        goes_on = verdict.state is State.HAND_OVER and verdict.reason != self._reason
+        self._reason = verdict.reason
+        if verdict.state is not self._state or goes_on:
+            self._state = verdict.state
+            yield STATES[verdict.state].severity, "state", f"{verdict.state}: {verdict.reason}"
+        before, self._pending = self._pending, pending
+        if pending != before and not any(sample.dofs.engaged):
+            yield "info", "state", on_engaging(printable(pending) or HOLD_HERE)
+
+    def _reset(self, sample: ControlSample) -> Happened:
         """Report the first reset of the autopilot's estimate, and their sum once they have ended."""
-        shift, happened = sample.state.frame_shift, list[tuple[Severity, Literal["condition"], str]]()
-        if shift is not None and sample.verdict.conditions & RESETS:
+        shift, resets = sample.state.frame_shift, sample.verdict.conditions & RESETS
+        if shift is not None and resets:
             self._resets += 1
             self._turned_rad += shift.turn_rad
             self._sunk_m += shift.down_m
             if self._resets == 1:
-                happened.append(("warning", "condition", f"the EKF was reset: {_shift_words(shift)}"))
-        elif self._resets and not sample.verdict.conditions & RESETS:
+                yield "warning", "condition", f"the EKF was reset: {_shift_words(shift)}"
+        elif self._resets and not resets:
             if self._resets > 1:
                 parts = [f"yaw {math.degrees(self._turned_rad):+.1f}°"] if self._turned_rad else []
                 parts += [f"depth {self._sunk_m:+.2f} m"] if self._sunk_m else []
                 text = f"{self._resets} resets of the EKF, {', '.join(parts or ['position'])} in all"
-                happened.append(("warning", "condition", text))
+                yield "warning", "condition", text
             self._resets, self._turned_rad, self._sunk_m = 0, 0.0, 0.0
-        return happened
 
 
-def _course(guided: Guided) -> tuple[Severity, Literal["state"], str]:
-    """Tell what moves the vehicle now."""
-    text = course(guided.kind, printable(guided.name))
-    return "warning" if guided.kind == "refused" else "info", "state", text
-
-
-def _motor(previous: int, now: int) -> tuple[Severity, Literal["condition"], str]:
-    if now:
-        return "warning", "condition", DEAD_MOTOR.format(now)
-    return "info", "condition", TRUSTED_MOTOR.format(previous)
+def _told(
+    sample: ControlSample,
+    results: Sequence[CommandResult],
+    duplicate_instances: Sequence[str],
+    peer_changes: Sequence[str],
+) -> Happened:
+    """Tell what others say and do: operator, pilot's button, companions of this name, peers, autopilot."""
+    for result in results:
+        yield "info" if result.reply.done else "warning", "command", result.text
+    if sample.refused:
+        yield "warning", "command", f"engage by button: refused: {sample.refused}"
+    for instance in duplicate_instances:
+        yield "warning", "condition", f"another companion of this name came: instance {printable(instance)}"
+    for change in peer_changes:
+        yield "warning", "condition", change
+    for text in sample.texts:
+        bad: Severity = "fault" if text.severity <= MAV_SEVERITY_ERROR else "warning"
+        yield bad if text.severity <= MAV_SEVERITY_WARNING else "info", "autopilot", text.text
 
 
 def _shift_words(shift: FrameShift) -> str:

@@ -1,11 +1,15 @@
 """The fields of a schema: how each is described, and what people read of it."""
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import msgspec
 
 UNITS = {
+    "per_s": "1/s",
+    "mps2": "m/s²",
+    "degps": "°/s",
     "m": "m",
     "mps": "m/s",
     "rad": "rad",
@@ -53,19 +57,38 @@ def within(
     )
 
 
+def unit_of(name: str) -> tuple[str, str]:
+    """Return a field's name without its unit, and the unit that its end says."""
+    found = next((end for end in UNITS if name.endswith(f"_{end}")), "")
+    return name.removesuffix(f"_{found}"), UNITS.get(found, "")
+
+
 class Field(NamedTuple):
-    """What people read of a field."""
+    """What people read of a field; `least` and `most` are None where it has no range."""
 
     type: str
     unit: str
     what: str
+    title: str
+    choices: tuple[str, ...]
+    least: float | None
+    most: float | None
 
 
+@cache
 def fields_of(struct: type[msgspec.Struct]) -> dict[str, Field]:
     """Return the fields of a record by their names, in order."""
     fields: dict[str, dict[str, Any]] = msgspec.json.schema(struct)["$defs"][struct.__name__]["properties"]
     return {
-        name: Field(_type(field), _unit(name, field), field.get("description", ""))
+        name: Field(
+            type=_type(field),
+            unit=_unit(name, field),
+            what=field.get("description", ""),
+            title=field.get("title", name),
+            choices=tuple(field.get("enum", ())),
+            least=field.get("minimum"),
+            most=field.get("maximum"),
+        )
         for name, field in fields.items()
     }
 
@@ -90,11 +113,5 @@ def _type(field: Mapping[str, Any]) -> str:
 def _unit(name: str, field: Mapping[str, Any]) -> str:
     if "unit" in field:
         return str(field["unit"])
-    numbers = ("number", "integer")
-    if field.get("type") not in numbers and not any(
-        item.get("type") in numbers for item in field.get("prefixItems", ())
-    ):
-        return ""
-    if name.endswith("_per_s"):
-        return "1/s"
-    return UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
+    numbers = (part.get("type") in ("number", "integer") for part in (field, *field.get("prefixItems", ())))
+    return unit_of(name)[1] if any(numbers) else ""

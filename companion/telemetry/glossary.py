@@ -1,10 +1,12 @@
-"""The words of every screen, for states, for what moves the vehicle, and for silence.
+"""The words of every screen: states, lists of conditions, what moves the vehicle, silence.
 
-`Condition` has those of the conditions. Page, terminal, ground station, log and documents have no words of
+`Condition` has those of each condition. Page, terminal, ground station, log and documents have no words of
 their own for these: the page gets them by `dashboard.web.vocabulary`, docs/supervisor.md is made from them.
 """
 
 import re
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 from companion.records import Condition, State
@@ -78,6 +80,40 @@ SERVER_SILENT = (
 LATE = "What comes is old: the network is slow.", ELSEWHERE
 NO_VEHICLE = "No vehicle is heard."
 _STEERING = (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
+
+
+UNSAID = Condition(sum(condition for condition in Condition if not condition.ended))
+"""What somebody asked for, or the supervisor's own bookkeeping: reported as a command or a state; INTERRUPTED
+as UNSTEADY."""
+
+ENDED = {condition.ended: condition.text for condition in Condition if condition.ended}
+"""For the words that a condition has ended, those of its beginning."""
+
+Details = Mapping[Condition, tuple[str, str]]
+"""What is found of a condition now, and a remedy in place of the usual one; either may be empty."""
+
+NO_DETAILS: Details = MappingProxyType({})
+
+
+def awaited(conditions: Condition, details: Details) -> str:
+    """Return what is awaited while these conditions hold."""
+    return ", ".join(detailed(condition, condition.awaited, details) for condition in conditions)
+
+
+def text(conditions: Condition, details: Details = NO_DETAILS) -> str:
+    """Return what is so while these conditions hold."""
+    return ", ".join(detailed(condition, condition.text, details) for condition in conditions & ~UNSAID)
+
+
+def detailed(condition: Condition, words: str, details: Details) -> str:
+    """Return the words of a condition, and what is found of it."""
+    found, _ = details.get(condition, ("", ""))
+    return f"{words} ({found})" if found else words
+
+
+def named(names: Iterable[str]) -> Condition:
+    """Return the conditions of these published names; those of another version are left out."""
+    return Condition(sum({Condition[name] for name in names if name in Condition.__members__}))
 
 
 def title(name: str) -> str:

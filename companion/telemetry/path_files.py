@@ -23,18 +23,6 @@ NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178
 WGS84_FRAMES = (0, 3)
 """MAV_FRAME_GLOBAL and MAV_FRAME_GLOBAL_RELATIVE_ALT: at sea both count from the surface."""
 
-NOT_READ = {".kml": "KML", ".kmz": "KML", ".geojson": "GeoJSON", ".json": "GeoJSON"}
-"""Formats that earlier versions read."""
-
-_CAMERA = "no camera is triggered: let the camera take pictures by time"
-RETIRED = {
-    "helix": "is not followed: write a circle for each depth, or waypoints",
-    "trigger": _CAMERA,
-    "waypoint.trigger": _CAMERA,
-    "waypoint.trigger_every_m": _CAMERA,
-}
-"""Keys of TOML that earlier versions knew, and what to do instead."""
-
 
 def read(path: Path, origin: Degrees | None = None) -> PathPlan:
     """Return the path of a file; `origin` is latitude and longitude where x and y are 0.
@@ -42,11 +30,8 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
     Raises ValueError naming file, key, value and what is allowed.
     """
     suffix = path.suffix.lower()
-    if suffix in NOT_READ:
-        instead = "save the path as a .plan in QGroundControl, or write TOML (docs/guidance.md)"
-        raise ValueError(f"{path}: {NOT_READ[suffix]} is not read: {instead}")
     if suffix not in (".toml", ".plan"):
-        raise ValueError(f"{path}: want a file that ends in .toml or .plan")
+        raise ValueError(f"{path}: want a .toml (docs/guidance.md), or a .plan, as QGroundControl saves it")
     try:
         text = files.text(path)
     except OSError as error:
@@ -54,7 +39,7 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     try:
-        table = _toml(text) if suffix == ".toml" else _plan(text, origin)
+        table = files.toml(text) if suffix == ".toml" else _plan(text, origin)
         table.setdefault("name", path.stem[:64])
         return msgspec.convert(table, PathPlan)
     except msgspec.ValidationError as error:
@@ -62,16 +47,6 @@ def read(path: Path, origin: Degrees | None = None) -> PathPlan:
         raise ValueError(located(path, (), said)) from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def _toml(text: str) -> dict[str, Any]:
-    table = files.toml(text)
-    waypoints = table.get("waypoint")
-    tables = [one for one in waypoints if isinstance(one, dict)] if isinstance(waypoints, list) else []
-    found = {*table, *(f"waypoint.{key}" for one in tables for key in one)}
-    for key in RETIRED.keys() & found:
-        raise ValueError(f"{key}: {RETIRED[key]} (docs/guidance.md)")
-    return table
 
 
 def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:

@@ -23,12 +23,11 @@ from companion.telemetry.schemas import (
 from holdfast.version import running
 
 _MEASURED = ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
-_ANGLES = ("roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps")
 _STALE = (
     ("x_m", "x_rate_mps"),
     ("y_m", "y_rate_mps"),
     ("depth_m", "depth_rate_mps"),
-    ("heading_rad", "heading_rate_radps", *_ANGLES),
+    ("heading_rad", "heading_rate_radps", "roll_rad", "pitch_rad", "roll_rate_radps", "pitch_rate_radps"),
     ("armed", "mode", "system_status", "voltage_v", "pilot_gain"),
 )
 """Fields of State by their source: position (two), depth, attitude, and the vehicle as a whole."""
@@ -38,7 +37,7 @@ _DOFS = (("x", "m", "N"), ("y", "m", "N"), ("z", "m", "N"), ("psi", "rad", "N·m
 
 
 def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
-    """One tick as (key, encoding, JSON) for each of `keys(vehicle)`."""
+    """Return one tick as (key, encoding, JSON) for each of `keys(vehicle)`."""
     return [
         (key, encoding, to_json(record))
         for (key, encoding), record in zip(keys(vehicle).items(), records(sample), strict=True)
@@ -46,11 +45,11 @@ def encode(sample: ControlSample, vehicle: str) -> list[tuple[str, str, bytes]]:
 
 
 def records(sample: ControlSample) -> list[Schema]:
-    """One tick as schema records, in the order of `keys`; here numbers may still be other than finite."""
+    """Return one tick as records, in the order of `keys`; here numbers may still be other than finite."""
     stale = sample.state.stale
     silent = Condition.LINK_LOST in sample.verdict.conditions
     return [
-        _state(sample, absent=_stale_state(*stale, silent)),
+        _state(sample, absent=_stale_state((*stale, silent))),
         *[
             _dof(sample, i, absent=_MEASURED if stale[i] else (), dof=dof, unit=unit, tau_unit=tau_unit)
             for i, (dof, unit, tau_unit) in enumerate(_DOFS)
@@ -71,22 +70,19 @@ def _maker(schema: type[Schema], place: str) -> Callable[..., Schema]:
 
     `place` is where fields stand that say none, such as "state.{}"; `i` is the degree of freedom.
     """
-    hints = get_type_hints(schema, include_extras=True)
-    sources = {name: hint.__metadata__[0].extra["source"] for name, hint in hints.items()}
-    values = {
-        name: f"sample.{source or place.format(name)}"
-        for name, source in sources.items()
-        if source is not None
-    }
-    for name in values:
+    arguments = ""
+    for name, hint in get_type_hints(schema, include_extras=True).items():
+        source = hint.__metadata__[0].extra["source"]
+        value = f"sample.{source or place.format(name)}"
         if name.endswith("_age_s"):
-            values[name] = f"min({values[name]}, NEVER_S)"
+            value = f"min({value}, NEVER_S)"
         elif name in ("conditions", "warnings"):
-            values[name] = f"names({values[name]})"
-    arguments = ", ".join(f"{name}={value}" for name, value in values.items())
+            value = f"names({value})"
+        if source is not None:
+            arguments += f"{name}={value}, "
     known: dict[str, Any] = {name: i for names in (DOFS, AXES) for i, name in enumerate(names)}
     known |= {"schema": schema, "names": _names, "NEVER_S": NEVER_S}
-    made: Callable[..., Schema] = eval(f"lambda sample, i=0, **rest: schema({arguments}, **rest)", known)
+    made: Callable[..., Schema] = eval(f"lambda sample, i=0, **rest: schema({arguments}**rest)", known)
     return made
 
 
@@ -95,7 +91,6 @@ _supervisor, _loop = _maker(Supervisor, "verdict.{}"), _maker(Loop, "loop.{}")
 
 
 @cache
-def _stale_state(x: bool, y: bool, z: bool, psi: bool, silent: bool) -> tuple[str, ...]:
-    """Return the fields of State that are stale: those of each DOF, and all others if it is `silent`."""
-    flags = (x, y, z, psi, silent)
-    return tuple(name for stale, names in zip(flags, _STALE, strict=True) if stale for name in names)
+def _stale_state(stale: tuple[bool, ...]) -> tuple[str, ...]:
+    """Return the fields of State that are stale: those of each DOF, and all others of a silent vehicle."""
+    return tuple(name for is_stale, names in zip(stale, _STALE, strict=True) if is_stale for name in names)

@@ -22,6 +22,7 @@ from companion.records import DOFS
 from companion.telemetry.glossary import ENDPOINT as ENDPOINT
 from companion.telemetry.glossary import STATES, Severity
 
+Kind = Literal["state", "command", "autopilot", "condition", "recording"]
 NEVER_S = 1e6
 MAX_NUMBER = 2**53
 """The largest number that is published: JavaScript's integers have gaps beyond it."""
@@ -50,7 +51,7 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     t_s: Annotated[float, field("the companion's monotonic clock", "state.t_s")]
     boot_s: Annotated[float, field("the vehicle's clock since its boot", "state.boot_s")]
     absent: Annotated[
-        tuple[str, ...], field("unknown fields: stale ones keep their last value, others are 0.0", None)
+        tuple[str, ...], field("unknown: stale ones keep their last value, others are 0.0", None)
     ] = ()
 
 
@@ -82,39 +83,23 @@ class State(Record, frozen=True, kw_only=True):
     pilot_gain: Annotated[float, field("ArduSub's live stick gain, 0..1")]
     dead_motor: Annotated[int, field("number of the motor that gives no thrust; 0 for none")]
     guidance: Annotated[
-        str,
-        field(
-            "what moves the setpoint: hold, move, path, paused, waiting, refused; empty if not engaged",
-            "guided.kind",
-        ),
+        str, field("hold, move, path, paused, waiting or refused; empty if not engaged", "guided.kind")
     ] = ""
-    path_number: Annotated[int, field("counts the paths and moves; Plan has the same", "guided.number")] = 0
-    path_progress_m: Annotated[float, field("along the path, laps included", "guided.progress_m")] = 0.0
+    path_number: Annotated[int, field("counts the paths and moves", "guided.number")] = 0
+    path_progress_m: Annotated[float, field("along it, laps included", "guided.progress_m")] = 0.0
     path_length_m: Annotated[float, field("of one lap; 0 for a move", "guided.length_m")] = 0.0
     current_north_mps: Annotated[
-        float, field("velocity of the water, northward; absent if unknown", "state.current.north_mps")
+        float, field("velocity of the water; absent if unknown", "state.current.north_mps")
     ] = 0.0
-    current_east_mps: Annotated[float, field("velocity of the water, eastward", "state.current.east_mps")] = (
-        0.0
-    )
+    current_east_mps: Annotated[float, field("velocity of the water", "state.current.east_mps")] = 0.0
     current_doubt_mps: Annotated[float, field("its standard deviation", "state.current.doubt_mps")] = 0.0
     altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
-    depth_offset_m: Annotated[
-        float, field("how much deeper the autopilot says that it is, whose zero of depth moved")
-    ] = 0.0
-    altitude_desired_m: Annotated[
-        float, field("altitude that is kept; 0 where a depth is held", "guided.altitude_m")
-    ] = 0.0
-    path_speed_mps: Annotated[float, field("speed of the reference along the path", "guided.speed_mps")] = 0.0
-    path_left_m: Annotated[
-        float, field("to the end of the path or the move; absent if it has none", "guided.left_m")
-    ] = 0.0
-    path_left_s: Annotated[
-        float, field("to the end, estimated by the pace of the last half minute", "guided.left_s")
-    ] = 0.0
-    pending: Annotated[
-        str, field("what it does as soon as it engages; empty: it holds where it is", "guided.pending")
-    ] = ""
+    depth_offset_m: Annotated[float, field("by how much the autopilot's depth is deeper")] = 0.0
+    altitude_desired_m: Annotated[float, field("0 where a depth is held", "guided.altitude_m")] = 0.0
+    path_speed_mps: Annotated[float, field("of the reference", "guided.speed_mps")] = 0.0
+    path_left_m: Annotated[float, field("to the end; absent if it has none", "guided.left_m")] = 0.0
+    path_left_s: Annotated[float, field("to the end, by the last half minute", "guided.left_s")] = 0.0
+    pending: Annotated[str, field("what it does on engaging; empty: hold here", "guided.pending")] = ""
 
 
 class Dof(Record, frozen=True, kw_only=True):
@@ -145,18 +130,14 @@ class Dof(Record, frozen=True, kw_only=True):
     adapting: Annotated[bool, field("the compensator learnt in this tick")]
     engaged: Annotated[bool, field("Holdfast controls this degree of freedom")]
     model_gain: Annotated[
-        float,
-        field(
-            "force per command over inertia, 1 for the nominal vehicle, in use: surge for x, sway for y",
-            "state.model.gain[i]",
-        ),
+        float, field("force per command over inertia, nominal: 1", "state.model.gain[i]")
     ] = 1.0
-    model_gain_found: Annotated[float, field("the same, as found", "state.model.found_gain[i]")] = 1.0
+    model_gain_found: Annotated[float, field("as found", "state.model.found_gain[i]")] = 1.0
     model_gain_doubt: Annotated[
-        float, field("standard deviation of its natural logarithm", "state.model.log_gain_doubt[i]")
+        float, field("standard deviation of its log", "state.model.log_gain_doubt[i]")
     ] = 0.0
     model_lag_s: Annotated[float, field("thruster lag in use", "state.model.lag_s[i]")] = 0.0
-    model_lag_found_s: Annotated[float, field("thruster lag found", "state.model.found_lag_s[i]")] = 0.0
+    model_lag_found_s: Annotated[float, field("as found", "state.model.found_lag_s[i]")] = 0.0
     model_lag_doubt_s: Annotated[float, field("its standard deviation", "state.model.lag_doubt_s[i]")] = 0.0
 
 
@@ -187,10 +168,7 @@ class Supervisor(Record, frozen=True, kw_only=True):
     warnings: Annotated[tuple[str, ...], field("conditions that are only warnings")] = ()
     freeze: Annotated[bool, field("learning is frozen")] = False
     remedy: Annotated[str, field("the operator's next step")] = ""
-    disarms_in_s: Annotated[
-        float,
-        field("until the autopilot disarms, as nobody steers; 0 where it does not", "disarms_in_s"),
-    ] = 0.0
+    disarms_in_s: Annotated[float, field("until the autopilot disarms by itself, or 0", "disarms_in_s")] = 0.0
 
 
 class Loop(Record, frozen=True, kw_only=True):
@@ -213,25 +191,19 @@ class Loop(Record, frozen=True, kw_only=True):
     telemetry_delay_known: Annotated[bool, field("the delay was measured", "state.delays.telemetry_known")]
     command_delay_s: Annotated[float, field("from sending to the motors", "state.delays.command_s")]
     command_delay_known: Annotated[bool, field("the delay was measured", "state.delays.command_known")]
-    hidden_delay_s: Annotated[
-        float, field("delay visible in no time stamp, estimated from innovations", "state.delays.hidden_s")
-    ]
+    hidden_delay_s: Annotated[float, field("delay visible in no stamp, estimated", "state.delays.hidden_s")]
     datagrams: Annotated[int, field("received", "counters.datagrams")]
     messages: Annotated[int, field("decoded MAVLink messages", "counters.messages")]
     garbage: Annotated[int, field("bytes that are not MAVLink", "counters.garbage")]
-    foreign: Annotated[
-        int, field("messages of other systems, and datagrams of senders that are not the peer", "foreign")
-    ]
+    foreign: Annotated[int, field("messages of other systems, datagrams of others than the peer", "foreign")]
     implausible: Annotated[int, field("messages with impossible numbers", "counters.implausible")]
-    pilot_age_s: Annotated[
-        float, field("since the ground station's last heartbeat", "state.ages.pilot_s")
-    ] = NEVER_S
+    pilot_age_s: Annotated[float, field("of the ground station's heartbeat", "state.ages.pilot_s")] = NEVER_S
     left_out_bytes: Annotated[int, field("bytes dropped in a flood")] = 0
-    errors: Annotated[int, field("errors beside the tick: display, log, telemetry; the log has them")] = 0
+    errors: Annotated[int, field("errors beside the tick; the log has them")] = 0
     refused: Annotated[
-        int, field("frames with a wrong, missing or replayed MAVLink signature", "counters.refused")
+        int, field("frames with a wrong, missing or replayed signature", "counters.refused")
     ] = 0
-    version: Annotated[str, field("of Holdfast, in a checkout with its commit", None)] = ""
+    version: Annotated[str, field("of Holdfast, with its commit", None)] = ""
 
 
 class Recorder(Record, frozen=True, kw_only=True):
@@ -241,11 +213,11 @@ class Recorder(Record, frozen=True, kw_only=True):
     file: Annotated[str, field("its path on the recorder's machine")]
     size_bytes: Annotated[int, field("present size of the file")]
     messages: Annotated[int, field("messages written to the file")]
-    dropped: Annotated[int, field("messages dropped because the disk was too slow")]
+    dropped: Annotated[int, field("messages left out, as the disk was too slow")]
     free_bytes: Annotated[int, field("free space on the disk")]
     said: Annotated[str, field("status text")]
-    lost: Annotated[int, field("missing samples, found by the tick numbers")] = 0
-    left_out: Annotated[int, field("samples that no file can hold: too large, nested, of a wrong time")] = 0
+    lost: Annotated[int, field("samples missing, by the tick numbers")] = 0
+    left_out: Annotated[int, field("samples too large, nested, or of a wrong time")] = 0
 
 
 class Plan(Record, frozen=True, kw_only=True):
@@ -266,11 +238,9 @@ class Start(msgspec.Struct, frozen=True, kw_only=True):
     """What an engine is built from."""
 
     config: Annotated[dict[str, Any], field("the configuration as a table")]
-    setpoint: Annotated[
-        tuple[float, float, float, float], field("x, y, depth (m), heading (rad); NaN where none is set")
-    ]
+    setpoint: Annotated[tuple[float, float, float, float], field("x, y, depth (m), heading (rad); NaN: none")]
     arm: Annotated[bool, field("it may arm the vehicle")]
-    version: Annotated[str, field("of Holdfast")]
+    version: Annotated[str, field("of Holdfast, with its commit")]
 
 
 class Raw(msgspec.Struct, frozen=True, kw_only=True):
@@ -278,27 +248,19 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
 
     tick: Annotated[int, field("number of this tick")]
     now_s: Annotated[float, field("the companion's monotonic clock")]
-    heard: Annotated[Sequence[tuple[int, bytes]], field("arrival in monotonic ns and the datagram")] = (
+    heard: Annotated[Sequence[tuple[int, bytes]], field("arrival in monotonic ns and datagram")] = (
         msgspec.field(name="in")
     )
-    ground: Annotated[
-        Sequence[tuple[int, bytes]], field("arrival in monotonic ns and frame, of the ground station")
-    ] = ()
+    ground: Annotated[Sequence[tuple[int, bytes]], field("of the ground station: as `in`")] = ()
     out: Annotated[Sequence[bytes], field("datagrams sent")]
     requests: Annotated[Sequence[str], field("names of the operator's requests")] = ()
-    setpoint: Annotated[
-        Sequence[float] | None, field("given before this tick: x, y, depth (m), heading (rad); NaN stays")
-    ] = None
-    order: Annotated[
-        tuple[str, bytes] | None, field("a path or a move, given before this tick: command and payload")
-    ] = None
-    config: Annotated[dict[str, Any] | None, field("retuned before this tick: the whole configuration")] = (
-        None
-    )
-    start: Annotated[Start | None, field("what the engine was built from, with the first tick only")] = None
+    setpoint: Annotated[Sequence[float] | None, field("x, y, depth (m), heading (rad); NaN stays")] = None
+    order: Annotated[tuple[str, bytes] | None, field("a path or a move: command and payload")] = None
+    config: Annotated[dict[str, Any] | None, field("the whole configuration, if retuned")] = None
+    start: Annotated[Start | None, field("what the engine was built from, in the first tick")] = None
 
 
-Six = tuple[float, float, float, float, float, float]
+Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
 
 
 class Truth(msgspec.Struct, frozen=True, kw_only=True):
@@ -321,14 +283,14 @@ class Truth(msgspec.Struct, frozen=True, kw_only=True):
     voltage_v: Annotated[float, field("of the battery")]
 
 
+_WORD = msgspec.Meta(extra_json_schema={"type": "string"})
+
+
 class Event(Record, frozen=True, kw_only=True):
     """Something that happened."""
 
-    severity: Annotated[Severity, field("how bad it is")]
-    kind: Annotated[
-        Literal["state", "command", "autopilot", "condition", "recording"],
-        field("whose: the supervisor's state or condition, an operator's command, the autopilot's words"),
-    ]
+    severity: Annotated[Severity, _WORD, field("how bad it is")]
+    kind: Annotated[Kind, _WORD, field("state or condition, an operator's command, the autopilot's words")]
     text: Annotated[str, field("what, in words")]
 
 
@@ -365,14 +327,15 @@ _encoder = msgspec.json.Encoder(enc_hook=lambda scalar: scalar.item())
 _decoders = {schema: msgspec.json.Decoder(schema) for schema in set(_DECODED.values())}
 
 
-@cache
-def keys(vehicle: str) -> dict[str, str]:
-    """Every key that a vehicle publishes once a tick with its encoding, in the order of `encode`.
+def key(vehicle: str, *rest: str) -> str:
+    """Return a key of a vehicle's; raise ValueError when its name cannot be one chunk of a Zenoh key.
 
-    Raises ValueError when the name cannot be one chunk of a Zenoh key.
+    Beside what is published: "command" and a command's name, "alive" and the instance of a companion, or *;
+    "config", "choices" and "check" (as `holdfast check --json`) answer queries.
     """
-    root = _root(vehicle)
-    return {f"{root}/{tail}": encoding(schema) for tail, schema in EVERY_TICK.items()}
+    if not vehicle or set(vehicle) & set("/*$?#"):
+        raise ValueError(f"vehicle name '{vehicle}': want one or more characters, none of / * $ ? #")
+    return "/".join(("holdfast", vehicle, *rest))
 
 
 def encoding(schema: type[msgspec.Struct]) -> str:
@@ -380,49 +343,21 @@ def encoding(schema: type[msgspec.Struct]) -> str:
     return f"application/json;holdfast.{schema.__name__}.v1"
 
 
-def alive_key(vehicle: str, instance: str = "*") -> str:
-    """Return the key of a companion's liveliness token; without `instance` that of any of this vehicle."""
-    return f"{_root(vehicle)}/alive/{instance}"
+ENCODINGS = {tail: encoding(schema) for tail, schema in _DECODED.items()} | {
+    "raw": "application/msgpack;holdfast.Raw.v1"
+}
+"""Of all that is published, by what follows the vehicle in its key."""
 
 
-def event_key(vehicle: str) -> tuple[str, str]:
-    """Return key and encoding of the vehicle's `Event`."""
-    return f"{_root(vehicle)}/event", encoding(Event)
+def published(vehicle: str, tail: str) -> tuple[str, str]:
+    """Return key and encoding of what is published."""
+    return key(vehicle, tail), ENCODINGS[tail]
 
 
-def command_key(vehicle: str, command: str) -> str:
-    """Return the key under which a command is taken as a query."""
-    return f"{_root(vehicle)}/command/{command}"
-
-
-def config_key(vehicle: str) -> str:
-    """Return the key that answers a query with the companion's present configuration."""
-    return f"{_root(vehicle)}/config"
-
-
-def choices_key(vehicle: str) -> str:
-    """Return the key that answers a query with the companion's `Choices`."""
-    return f"{_root(vehicle)}/choices"
-
-
-def check_key(vehicle: str) -> str:
-    """Return the key that answers a query with the companion's pre-dive list, as `holdfast check --json`."""
-    return f"{_root(vehicle)}/check"
-
-
-def raw_key(vehicle: str) -> tuple[str, str]:
-    """Return key and encoding of the vehicle's `Raw`."""
-    return f"{_root(vehicle)}/raw", "application/msgpack;holdfast.Raw.v1"
-
-
-def plan_key(vehicle: str) -> tuple[str, str]:
-    """Return key and encoding of the vehicle's `Plan`."""
-    return f"{_root(vehicle)}/plan", encoding(Plan)
-
-
-def recorder_key(vehicle: str) -> tuple[str, str]:
-    """Return key and encoding of the vehicle's `Recorder`."""
-    return f"{_root(vehicle)}/recorder", encoding(Recorder)
+@cache
+def keys(vehicle: str) -> dict[str, str]:
+    """Every key that a vehicle publishes once a tick with its encoding, in the order of `encode`."""
+    return dict(published(vehicle, tail) for tail in EVERY_TICK)
 
 
 def decode(key: str, payload: bytes) -> Schema:
@@ -472,12 +407,6 @@ def printable(text: str) -> str:
     return "".join(
         char if char.isprintable() else char.encode("unicode_escape", "replace").decode() for char in text
     )
-
-
-def _root(vehicle: str) -> str:
-    if not vehicle or set(vehicle) & set("/*$?#"):
-        raise ValueError(f"vehicle name '{vehicle}': want one or more characters, none of / * $ ? #")
-    return f"holdfast/{vehicle}"
 
 
 def to_json(record: Schema) -> bytes:

@@ -50,12 +50,10 @@ class SessionThread(ABC):
             self._thread.join(self._close_s)
 
     def __enter__(self) -> Self:
-        """Start."""
         self.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
     def _run(self) -> None:
@@ -84,8 +82,7 @@ def configuration(
 ) -> zenoh.Config:
     """Return the configuration of a session that joins `endpoint` or, with `listen`, is a peer there.
 
-    `more` are further keys. An endpoint that is a file is a Zenoh configuration, taken as it is. Raises
-    RefusedError for what is neither.
+    An endpoint that is a file is a Zenoh configuration, taken as it is. Raises RefusedError for neither.
     """
     if Path(endpoint).is_file():
         try:

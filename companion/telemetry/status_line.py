@@ -12,13 +12,15 @@ def status_line(sample: ControlSample) -> str:
 
     What has not been measured says so. Nothing is wanted where nothing is held.
     """
-    state, (telemetry, command) = sample.state, delays(sample)
+    state, found, guided = sample.state, sample.state.delays, sample.guided
+    telemetry = delay_text(found.telemetry_s, found.telemetry_known)
+    command = delay_text(found.command_s, found.command_known)
     depth, heading = f"{state.eta[Z]:.3f} m", f"{degrees(state.eta[PSI]):.1f}°"
     if sample.dofs.engaged[Z]:
         depth += f" (wanted {sample.eta_d[Z]:.3f})"
     if sample.dofs.engaged[PSI]:
         heading += f" (wanted {degrees(sample.eta_d[PSI]):.1f})"
-    guided, left = sample.guided, left_text(sample.guided.left_m, sample.guided.left_s)
+    left = left_text(guided.left_m, guided.left_s)
     parts = (
         f"depth {'not measured' if state.stale[Z] else depth}",
         f"heading {'not measured' if state.stale[PSI] else heading}",
@@ -42,15 +44,6 @@ def duration_text(seconds: float) -> str:
     if seconds < 99.5:
         return f"{seconds:.0f} s"
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
-
-
-def delays(sample: ControlSample) -> tuple[str, str]:
-    """Return the delays of telemetry and of commands as text."""
-    found = sample.state.delays
-    return (
-        delay_text(found.telemetry_s, found.telemetry_known),
-        delay_text(found.command_s, found.command_known),
-    )
 
 
 def delay_text(delay_s: float, known: bool) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
 import lz4.frame
+import msgspec
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -20,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 from mcap.writer import CompressionType, Writer
 
-from dashboard.recording.json_schema import schema_of
+from companion.telemetry import schemas as telemetry
 from holdfast.files import refuse_endless
 
 CHUNK_BYTES = 48_000
@@ -36,7 +37,6 @@ MAX_ENCODING_BYTES = 255
 """Zenoh itself ends a process that publishes with a longer one."""
 MAX_CHANNELS = 256
 """In a file: keys, each with its encoding."""
-
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
 MAX_RECORD_BYTES = 1 << 23
@@ -67,6 +67,20 @@ def is_time(utc_ns: int) -> bool:
 
 class TooManyChannelsError(ValueError):
     """A sample would need one channel too many."""
+
+
+def schema_of(encoding: str) -> tuple[str, bytes] | None:
+    """Return name and JSON Schema of the record of ours that an encoding names; None for another one.
+
+    Foxglove and Lichtblick want an object at the root, and a type in every field.
+    """
+    name = encoding.partition(";")[2]
+    record = getattr(telemetry, name.rpartition(".v")[0].rpartition(".")[2], None)
+    if not (isinstance(record, type) and issubclass(record, msgspec.Struct)):
+        return None
+    _, parts = msgspec.json.schema_components([record])
+    root = parts.pop(record.__name__)
+    return name, msgspec.json.encode(root | ({"$defs": parts} if parts else {}))
 
 
 # --- Writing ----------------------------------------------------------------------------------------------
@@ -131,7 +145,7 @@ class Recording:
             self._disk.give_up()
             raise
         self._channels: dict[tuple[str, str], int] = {}
-        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._schemas: dict[str, int] = {}
 
     @property
     def size_bytes(self) -> int:
@@ -173,14 +187,12 @@ class Recording:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
             raise TooManyChannelsError(f"of more than {MAX_CHANNELS} keys the others are left out")
         item.key.encode()
-        schema = schema_of(item.encoding)
         encoding = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
         number = 0
-        if schema:
-            number = self._schemas.get(schema) or self._writer.register_schema(
-                schema[0], "jsonschema", schema[1]
-            )
-            self._schemas[schema] = number
+        if schema := schema_of(item.encoding):
+            name, text = schema
+            number = self._schemas.get(name) or self._writer.register_schema(name, "jsonschema", text)
+            self._schemas[name] = number
         channel = self._writer.register_channel(item.key, encoding, number, {"zenoh": item.encoding})
         self._channels[item.key, item.encoding] = channel
         return channel
@@ -193,19 +205,19 @@ class Recording:
 class Reader:
     """A recording, whole or cut. Iterate over its samples, in the order in which they were written.
 
-    What was found on the way stands in the attributes, complete after the last sample: `metadata` by name (of
-    several tables with one name the first), `whole` if the file ends as it should, `broken_chunks` that did
-    not fit their checksum or are larger than a recording has, and `lost_bytes` at the end that nothing could
-    be made of.
-    Raises ValueError for what is no MCAP file at all, and for one of which no sample can be read; OSError for
-    what cannot be read.
+    The attributes are complete after the last sample. Raises ValueError for what is no MCAP file at all, and
+    for one of which no sample can be read; OSError for what cannot be read.
     """
 
     path: Path
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """By name; of several tables with one name the first."""
     whole: bool = False
+    """The file ends as it should."""
     broken_chunks: int = 0
+    """That did not fit their checksum, or are larger than a recording has."""
     lost_bytes: int = 0
+    """At the end, of which nothing could be made."""
     unpacked_bytes: int = 0
 
     def __iter__(self) -> Iterator[Item]:

@@ -10,7 +10,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +25,7 @@ from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
 from holdfast import DONE, REFUSED, files, own_version
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 from holdfast.version import revision
 
 QUEUE = 32_768
@@ -40,7 +39,6 @@ _ASK_S = 5.0
 _CLOSE_S = 10.0
 _LOOK_S = 0.5
 _REPLIES = 64
-_ANSWER_S = 8.0
 _MB = 1_000_000
 
 _log = logging.getLogger(__name__)
@@ -70,47 +68,35 @@ class _Came(NamedTuple):
 class RecorderThread(SessionThread):
     """Records `vehicle`, or the first one heard where that is empty, from `start` to `close`.
 
-    Publishes its state once a second. Trouble with network or disk is never raised: see `said`. The dashboard
-    runs one of these; so does `holdfast record`.
+    Publishes its state once a second. Trouble with network or disk is never raised: see the log.
     """
 
     def __init__(self, vehicle: str, endpoint: str, limits: FileLimits) -> None:
         super().__init__("recorder", _CLOSE_S)
         client_configuration(endpoint)  # refused here, not in the thread
-        self.vehicle = vehicle
+        self._vehicle = vehicle
         self._endpoint = endpoint
         self._limits = limits
         self._queue: deque[_Came] = deque()
         self._came_bytes = self._taken_bytes = self._dropped = 0
         self._keeping = threading.Lock()
         """Held by threads of Zenoh's, of which there are several."""
-        self._switched: deque[tuple[bool, Future[telemetry.Reply]]] = deque()
         self._replies: deque[bytes] = deque(maxlen=_REPLIES)
         self._alive = threading.Event()
         self._appeared = threading.Event()
-        self.said = ""
+        self._said = ""
 
     def start(self) -> None:
         """Connect, as soon and as often as it takes, and record."""
         self._say(f"waiting for {self._endpoint}")
         super().start()
 
-    def switch(self, on: bool) -> telemetry.Reply:
-        """Begin a file or finish it, and return what came of it. Blocks; any thread may call it."""
-        answer: Future[telemetry.Reply] = Future()
-        self._switched.append((on, answer))
-        try:
-            return answer.result(_ANSWER_S)
-        except TimeoutError:
-            answer.cancel()  # it shall not act on this later
-            return telemetry.Reply(done=False, said=f"the recorder does not answer: {self.said}")
-
     def _open(self) -> zenoh.Session:
         return zenoh.open(client_configuration(self._endpoint))
 
     def _serve(self, session: zenoh.Session) -> None:
-        self.vehicle = self.vehicle or self._first_vehicle(session)
-        if self.vehicle:
+        self._vehicle = self._vehicle or self._first_vehicle(session)
+        if self._vehicle:
             self._record(session)
 
     def _first_vehicle(self, session: zenoh.Session) -> str:
@@ -129,27 +115,25 @@ class RecorderThread(SessionThread):
 
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
-        vehicle = self.vehicle
+        vehicle = self._vehicle
         every = ticks_per_sample(self._endpoint)
         recorder = DiveRecorder(vehicle, self._limits, about(), ticks_per_sample=every)
-        key, encoding = telemetry.recorder_key(vehicle)
-        remembered = (telemetry.raw_key(vehicle)[0], telemetry.event_key(vehicle)[0])
+        key, encoding = telemetry.published(vehicle, "recorder")
+        remembered = telemetry.key(vehicle, "raw"), telemetry.key(vehicle, "event")
 
         def keep(sample: zenoh.Sample) -> None:
             if str(sample.key_expr) not in remembered:
                 self._keep(sample)
 
         with ExitStack() as stack:
-            enter = stack.enter_context
+            enter, alive = stack.enter_context, session.liveliness()
             enter(session.declare_subscriber(f"holdfast/{vehicle}/**", keep))
             enter(session.declare_subscriber(f"sim/{vehicle}/truth", keep))
             memories = [_Memory(session, remembered_key, self._keep) for remembered_key in remembered]
             for memory in memories:
                 stack.callback(memory.close)
             enter(
-                session.liveliness().declare_subscriber(
-                    telemetry.alive_key(vehicle), self._on_alive, history=True
-                )
+                alive.declare_subscriber(telemetry.key(vehicle, "alive", "*"), self._on_alive, history=True)
             )
             publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
             ask_s = sync_s = 0.0
@@ -163,34 +147,30 @@ class RecorderThread(SessionThread):
                         memory.open()
                 if self._alive.is_set() and now_s >= ask_s:
                     ask_s = now_s + _ASK_S
-                    session.get(telemetry.config_key(vehicle), self._on_config)
+                    session.get(telemetry.key(vehicle, "config"), self._on_config)
                 if now_s >= sync_s:
                     sync_s = now_s + _SYNC_S
                     recorder.each_second(time.time_ns())
-                    publisher.put(msgspec.json.encode(recorder.status(now_s, self._dropped)))
-                self._say(recorder.said)
+                    self._tell(recorder, publisher)
             self._drain(recorder)
             recorder.stop()
-            self._say(recorder.said)
-            publisher.put(msgspec.json.encode(recorder.status(time.monotonic(), self._dropped)))
+            self._tell(recorder, publisher)
+
+    def _tell(self, recorder: DiveRecorder, publisher: zenoh.Publisher) -> None:
+        publisher.put(msgspec.json.encode(recorder.status(time.monotonic(), self._dropped)))
+        self._say(recorder.said)
 
     def _keep(self, sample: zenoh.Sample) -> None:
         """Take a sample from Zenoh's thread, which never waits."""
-        stamp = sample.timestamp
+        stamp, payload = sample.timestamp, sample.payload.to_bytes()
         publish_ns = round(stamp.get_time().timestamp() * 1e9) if stamp else time.time_ns()
-        came = _Came(
-            str(sample.key_expr),
-            str(sample.encoding),
-            sample.payload.to_bytes(),
-            publish_ns,
-            time.monotonic(),
-        )
+        came = _Came(str(sample.key_expr), str(sample.encoding), payload, publish_ns, time.monotonic())
         with self._keeping:
-            waiting_bytes = self._came_bytes - self._taken_bytes + len(came.payload)
+            waiting_bytes = self._came_bytes - self._taken_bytes + len(payload)
             if len(self._queue) >= QUEUE or waiting_bytes > QUEUE_BYTES:
                 self._dropped += 1
                 return
-            self._came_bytes += len(came.payload)
+            self._came_bytes += len(payload)
             self._queue.append(came)
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
@@ -211,23 +191,10 @@ class RecorderThread(SessionThread):
             came = self._queue.popleft()
             self._taken_bytes += len(came.payload)
             recorder.take(*came)
-            self._answer(recorder)  # whoever waits for it does not wait for a slow disk
-        self._answer(recorder)
-
-    def _answer(self, recorder: DiveRecorder) -> None:
-        for _ in range(len(self._switched)):
-            on, answer = self._switched.popleft()
-            if not answer.set_running_or_notify_cancel():
-                continue
-            if on:
-                recorder.start(time.time_ns())
-            else:
-                recorder.stop()
-            answer.set_result(telemetry.Reply(done=recorder.recording is on, said=recorder.said))
 
     def _say(self, said: str) -> None:
-        if said != self.said:
-            self.said = said
+        if said != self._said:
+            self._said = said
             _log.info("%s", said)
 
 
@@ -288,38 +255,17 @@ def main(argv: list[str]) -> int:
         "a simulator. It is a separate process: trouble with the disk cannot disturb the dive.",
         EXAMPLES,
     )
-    parser.add_argument(
-        "--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard"
-    )
+    add = parser.add_argument
+    add("--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard")
     add_connect(parser)
-    parser.add_argument(
-        "--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s"
-    )
-    parser.add_argument(
-        "--max-mb",
-        type=_positive,
-        default=250.0,
-        metavar="MB",
-        help="start a new file after MB; default %(default)g, an hour or more",
-    )
-    parser.add_argument(
-        "--reserve-mb",
-        type=_positive,
-        default=500.0,
-        metavar="MB",
-        help="stop when less is free; default %(default)g",
-    )
-    parser.add_argument(
-        "--repair",
-        nargs="+",
-        type=Path,
-        metavar="FILE",
-        help="do not record: copy what can be read of truncated recordings, and end",
-    )
-    removed_option(parser, "--tlog", "the ground station writes a .tlog")
-    removed_option(parser, "--max-minutes", "--max-mb begins a new file")
-    for option in ("--allow-control", "--wait"):
-        removed_option(parser, option, "`holdfast dashboard --record DIR` has a button that stops and starts")
+    add("--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s")
+    for name, default, purpose in (
+        ("--max-mb", 250.0, "start a new file after MB; default %(default)g, an hour or more"),
+        ("--reserve-mb", 500.0, "stop when less is free; default %(default)g"),
+    ):
+        add(name, type=_positive, default=default, metavar="MB", help=purpose)
+    repairs = "do not record: copy what can be read of truncated recordings, and end"
+    add("--repair", nargs="+", type=Path, metavar="FILE", help=repairs)
     options = parser.parse_args(argv)
     if options.repair:
         return _repair(options.repair)

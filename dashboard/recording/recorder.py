@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from dashboard.losses import Losses
 from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError
 from holdfast import files
 
@@ -25,6 +25,8 @@ MAX_CLOCK_S = 1e9
 """No companion's clock counts from its boot this far: 32 years."""
 RAW_KEPT_S = 90.0
 """Raw ticks from so long ago come a second time when a companion is heard again; it keeps a minute."""
+MAX_LOST_TICKS = 1_000_000
+"""A number that rises by more has restarted: five hours and a half at 50 Hz."""
 EVENTS_KEPT = 1000
 NS_PER_S = 1e9
 
@@ -34,9 +36,9 @@ _MB = 1_000_000
 
 
 class _Times(msgspec.Struct):
-    t_s: float = float("nan")
-    boot_s: float = float("nan")
-    now_s: float = float("nan")
+    t_s: float = math.nan
+    boot_s: float = math.nan
+    now_s: float = math.nan
     tick: int = 0
 
 
@@ -74,26 +76,18 @@ class DiveRecorder:
         self._file: Recording | None = None
         self._tables: dict[str, Mapping[str, str]] = {}
         self._messages = self._left_out = 0
-        self._ticks_per_sample = ticks_per_sample
         self._losses = Losses(ticks_per_sample)
         self._clock = _Clock()
         self._raw_s = -math.inf
         self._events: deque[int] = deque(maxlen=EVENTS_KEPT)
-        self._event_key = telemetry.event_key(vehicle)[0]
-        self._raw_key = telemetry.raw_key(vehicle)[0]
+        self._event_key = telemetry.key(vehicle, "event")
+        self._raw_key = telemetry.key(vehicle, "raw")
         self._own = f"holdfast/{vehicle}/"
         self._channels = _channels(vehicle)
 
     @property
     def recording(self) -> bool:
         """Whether a file is open."""
-        return self._file is not None
-
-    def start(self, utc_ns: int) -> bool:
-        """Begin a file, unless one is open; tell whether one is open now, and in `said` why not."""
-        if self._file is None:
-            self._messages, self._left_out, self._losses = 0, 0, Losses(self._ticks_per_sample)
-            self._open(utc_ns)
         return self._file is not None
 
     def stop(self, why: str = "stopped when asked") -> None:
@@ -142,19 +136,23 @@ class DiveRecorder:
 
     def each_second(self, utc_ns: int) -> None:
         """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""
-        if self._file is None:
-            return
         try:
+            if self._file is None:
+                return
             self._file.sync()
         except OSError as error:
             self._give_up(error)
             return
-        limits, free = self._limits, self._free(self._limits.directory)
-        if free < limits.reserve_bytes:
-            self.stop(f"stopped: {free // _MB} MB free, and {limits.reserve_bytes // _MB} MB stay free")
-        elif self._file.size_bytes >= limits.max_bytes:
+        if short := self._short_of_room():
+            self.stop(f"stopped: {short}")
+        elif self._file.size_bytes >= self._limits.max_bytes:
             self.stop()
-            self._open(utc_ns)
+            self.start(utc_ns)
+
+    def _short_of_room(self) -> str:
+        """Return in words that too little is free; empty where there is enough."""
+        free, reserve = self._free(self._limits.directory), self._limits.reserve_bytes
+        return f"{free // _MB} MB free, and {reserve // _MB} MB stay free" if free < reserve else ""
 
     def status(self, now_s: float, dropped: int) -> telemetry.Recorder:
         """Return what goes out once a second; `t_s` and `boot_s` are the vehicle's, as far as heard."""
@@ -207,18 +205,15 @@ class DiveRecorder:
             raise ValueError("a clock that cannot be")
         return times.t_s, times.boot_s if (key, encoding) in self._channels else math.nan, times.tick
 
-    def _open(self, utc_ns: int) -> None:
-        limits = self._limits
+    def start(self, utc_ns: int) -> bool:
+        """Begin a file; tell whether one is open now, and in `said` why not."""
+        directory = self._limits.directory
         try:
-            limits.directory.mkdir(parents=True, exist_ok=True)
-            free = self._free(limits.directory)
-            if free < limits.reserve_bytes:
-                self.said = (
-                    f"not recording: {limits.directory} has {free // _MB} MB free, "
-                    f"and {limits.reserve_bytes // _MB} MB stay free"
-                )
-                return
-            path = _unused(limits.directory, self.vehicle, utc_ns)
+            directory.mkdir(parents=True, exist_ok=True)
+            if short := self._short_of_room():
+                self.said = f"not recording: {directory} has {short}"
+                return False
+            path = _unused(directory, self.vehicle, utc_ns)
             self._file = Recording(path, self._disk(path), self._channels)
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
@@ -226,6 +221,7 @@ class DiveRecorder:
             self.said = f"recording to {path.name}"
         except OSError as error:
             self._give_up(error)
+        return self._file is not None
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None
@@ -234,6 +230,30 @@ class DiveRecorder:
             self.said = f"stopped: {error.strerror or error}; {file.path.name} is truncated, {REPAIR}"
             with suppress(OSError):
                 file.give_up()
+
+
+class Losses:
+    """Counts the samples of every tick: whoever takes one says so, and then its number if it is a `Loop`.
+
+    A tick number that restarts, with a companion or a replay, counts no loss. On a radio link one tick of
+    `ticks_per_sample` is sent, and only of those samples can be lost.
+    """
+
+    def __init__(self, ticks_per_sample: int = 1) -> None:
+        self.lost = 0
+        self._ticks_per_sample = ticks_per_sample
+        self._came = 0
+        self._last: int | None = None
+
+    def take(self, tail: str, tick: int) -> None:
+        """Take the sample of a key's `tail`; `tick` matters with that of `loop` alone, the last of a tick."""
+        self._came += tail in telemetry.EVERY_TICK
+        if tail != "loop":
+            return
+        if self._last is not None and 0 < tick - self._last <= MAX_LOST_TICKS:
+            sent = round((tick - self._last) / self._ticks_per_sample)
+            self.lost += max(0, sent * len(telemetry.EVERY_TICK) - self._came)
+        self._last, self._came = tick, 0
 
 
 class _Clock:
@@ -255,10 +275,9 @@ class _Clock:
             self._last_s, self._boot_s, self._came_s = t_s, boot_s, now_s
         if not math.isfinite(t_s) or self._offset_ns is None:
             return publish_ns
-        log_ns = self.utc_ns(t_s)
-        return (
-            log_ns if math.isfinite(boot_s) or abs(log_ns - publish_ns) < RESTART_S * NS_PER_S else publish_ns
-        )
+        log_ns = round(t_s * NS_PER_S) + self._offset_ns
+        near = abs(log_ns - publish_ns) < RESTART_S * NS_PER_S
+        return log_ns if near or math.isfinite(boot_s) else publish_ns
 
     def vehicle_s(self, now_s: float) -> tuple[float, float]:
         """Return what the companion's clock and the vehicle's read now, by the last that was heard."""
@@ -267,32 +286,21 @@ class _Clock:
         ago_s = now_s - self._came_s
         return self._last_s + ago_s, self._boot_s + ago_s
 
-    def utc_ns(self, t_s: float) -> int:
-        """Return UTC at a time of the companion's clock."""
-        return round(t_s * NS_PER_S) + (self._offset_ns or 0)
-
 
 def _channels(vehicle: str) -> frozenset[tuple[str, str]]:
     """Return key and encoding of all that a companion and a simulator publish of a vehicle."""
-    now_and_then = (
-        (f"holdfast/{vehicle}/{tail}", telemetry.encoding(schema))
-        for tail, schema in telemetry.NOW_AND_THEN.items()
-    )
     truth = f"sim/{vehicle}/truth", telemetry.TRUTH_ENCODING
-    return frozenset((*telemetry.keys(vehicle).items(), *now_and_then, telemetry.raw_key(vehicle), truth))
+    return frozenset((*(telemetry.published(vehicle, tail) for tail in telemetry.ENCODINGS), truth))
 
 
 def _unused(directory: Path, vehicle: str, utc_ns: int) -> Path:
     stem = f"{vehicle}-{_utc(utc_ns):%Y%m%dT%H%M%SZ}"
-    path, count = directory / f"{stem}.mcap", 1
-    while path.exists():
-        count += 1
-        path = directory / f"{stem}-{count}.mcap"
-    return path
+    paths = (directory / f"{stem}{f'-{number}' if number > 1 else ''}.mcap" for number in count(1))
+    return next(path for path in paths if not path.exists())
 
 
 def _utc(utc_ns: int) -> datetime:
-    return datetime.fromtimestamp(utc_ns / 1e9, UTC)
+    return datetime.fromtimestamp(utc_ns / NS_PER_S, UTC)
 
 
 def _free_bytes(directory: Path) -> int:

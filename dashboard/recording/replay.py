@@ -5,6 +5,7 @@ import threading
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -13,7 +14,7 @@ from companion.telemetry.session import client_configuration, configuration
 from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.mcap_file import MAX_CHANNELS, Reader
 from holdfast import DONE, FAILED, REFUSED
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
@@ -25,6 +26,11 @@ refuses to publish under a name that is in use, by a live vehicle or by another 
 
 SUFFIX = "-replay"
 _LIVE_S = 0.5
+_AT_ONCE: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.BLOCK,
+    "priority": zenoh.Priority.REAL_TIME,
+    "express": True,
+}
 
 
 def main(argv: list[str]) -> int:
@@ -37,9 +43,6 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     add_connect(parser)
-    for option in ("--speed", "--from", "--loop"):
-        removed_option(parser, option, "Foxglove and Lichtblick play the file faster, and from any time on")
-    removed_option(parser, "--suffix", "a replay is called NAME-replay")
     options = parser.parse_args(argv)
     try:
         return _replay(options.file, options.connect, until_ended())
@@ -49,10 +52,7 @@ def main(argv: list[str]) -> int:
 
 
 def renamed(key: str) -> str:
-    """Return a key under the name that a replay has; "" for what is not played.
-
-    That is what has no vehicle in it, and the recorder's status: nobody records now.
-    """
+    """Return a key under a replay's name; "" without a vehicle, and for the recorder: nobody records now."""
     root, _, rest = key.partition("/")
     vehicle, _, tail = rest.partition("/")
     played = root in ("holdfast", "sim") and tail not in ("", "recorder")
@@ -66,7 +66,7 @@ def _replay(file: Path, endpoint: str, ended: threading.Event) -> int:
         if _alive(session, vehicle):
             sys.stderr.write(f"holdfast replay: {vehicle} is alive on {endpoint}: choose another --connect\n")
             return FAILED
-        stack.enter_context(session.liveliness().declare_token(telemetry.alive_key(vehicle, "replay")))
+        stack.enter_context(session.liveliness().declare_token(telemetry.key(vehicle, "alive", "replay")))
         publishers: dict[tuple[str, str], zenoh.Publisher] = {}
         sys.stderr.write(f"playing {file} as {vehicle} on {endpoint}; Ctrl-C ends it\n")
         begun_s, begun_ns = time.monotonic(), -1
@@ -78,13 +78,8 @@ def _replay(file: Path, endpoint: str, ended: threading.Event) -> int:
             at = renamed(item.key), item.encoding
             if at[0] and at not in publishers and len(publishers) < MAX_CHANNELS:
                 with suppress(zenoh.ZError):  # a key that Zenoh does not know as one
-                    publishers[at] = session.declare_publisher(
-                        at[0],
-                        encoding=zenoh.Encoding(item.encoding),
-                        congestion_control=zenoh.CongestionControl.BLOCK,
-                        priority=zenoh.Priority.REAL_TIME,
-                        express=True,
-                    )
+                    encoding = zenoh.Encoding(item.encoding)
+                    publishers[at] = session.declare_publisher(at[0], encoding=encoding, **_AT_ONCE)
             if at in publishers:
                 publishers[at].put(item.payload)
         for publisher in publishers.values():
@@ -113,5 +108,5 @@ def _join_or_listen(endpoint: str) -> zenoh.Session:
 
 
 def _alive(session: zenoh.Session, vehicle: str) -> bool:
-    replies = session.liveliness().get(telemetry.alive_key(vehicle), timeout=_LIVE_S)
+    replies = session.liveliness().get(telemetry.key(vehicle, "alive", "*"), timeout=_LIVE_S)
     return any(reply.ok is not None for reply in replies)

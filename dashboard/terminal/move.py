@@ -1,5 +1,6 @@
 """`holdfast goto` and `holdfast follow`: a vehicle to a place, or along the path of a file."""
 
+import argparse
 import math
 import sys
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import msgspec
 
 from companion.telemetry import path_files
+from companion.telemetry.commands import Goto
+from companion.telemetry.fields import fields_of
 from dashboard.arguments import add_connect
 from dashboard.terminal.tell import add_vehicle, send
 from holdfast.arguments import command_parser, position
@@ -39,6 +42,19 @@ Exit status: 0 done, 1 refused or no answer, 2 no path.
 """
 
 
+OPTIONS = {
+    "x_m": ("--north", "--forward"),
+    "y_m": ("--east", "--right"),
+    "depth_m": ("--depth", "--down"),
+    "heading_deg": ("--heading",),
+    "altitude_m": ("--altitude",),
+    "roll_deg": ("--roll",),
+    "pitch_deg": ("--pitch",),
+    "speed_mps": ("--speed",),
+}
+"""Of `goto`, by the field of its command."""
+
+
 def goto(argv: list[str]) -> int:
     """Send a vehicle to a place; returns 1 if it was not done."""
     parser = command_parser(
@@ -47,40 +63,19 @@ def goto(argv: list[str]) -> int:
         GOTO_EXAMPLES,
     )
     add_vehicle(parser)
-    parser.add_argument("--north", "--forward", dest="x_m", type=float, metavar="M")
-    parser.add_argument("--east", "--right", dest="y_m", type=float, metavar="M")
-    parser.add_argument("--depth", "--down", dest="depth_m", type=float, metavar="M")
-    parser.add_argument(
-        "--heading", dest="heading_deg", type=float, metavar="DEG", help="clockwise from north"
-    )
-    parser.add_argument(
-        "--altitude", dest="altitude_m", type=float, metavar="M", help="over the ground, instead of --depth"
-    )
-    parser.add_argument("--roll", dest="roll_deg", type=float, metavar="DEG", help="held, right side down")
-    parser.add_argument("--pitch", dest="pitch_deg", type=float, metavar="DEG", help="held, bow up")
+    fields = fields_of(Goto)
+    for name, options in OPTIONS.items():
+        field = fields[name]
+        parser.add_argument(
+            *options, dest=name, type=_finite, metavar=field.unit.replace("°", "deg").upper(), help=field.what
+        )
     frame = parser.add_mutually_exclusive_group()
-    frame.add_argument(
-        "--offset",
-        dest="frame",
-        action="store_const",
-        const="offset",
-        help="counted from where it is: north, east, down, and clockwise",
-    )
-    frame.add_argument(
-        "--body",
-        dest="frame",
-        action="store_const",
-        const="body",
-        help="counted from where it is: forward, right, down, and clockwise",
-    )
-    parser.add_argument("--speed", dest="speed_mps", type=float, metavar="M/S", help="default: 0.2")
-    options = vars(parser.parse_intermixed_args(argv))
-    vehicle, connect = options.pop("vehicle"), options.pop("connect")
-    what = {key: value for key, value in options.items() if value is not None}
-    for key, value in what.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            sys.stderr.write(f"holdfast goto: {key} = {value}: must be a finite number\n")
-            return 2
+    for name, axes in (("offset", "north, east"), ("body", "forward, right")):
+        counted = f"counted from where it is: {axes}, down, and clockwise"
+        frame.add_argument(f"--{name}", dest="frame", action="store_const", const=name, help=counted)
+    given = vars(parser.parse_intermixed_args(argv))
+    vehicle, connect = given.pop("vehicle"), given.pop("connect")
+    what = {key: value for key, value in given.items() if value is not None}
     return send("goto", vehicle, "goto", what, connect)
 
 
@@ -94,11 +89,8 @@ def follow(argv: list[str]) -> int:
     add_connect(parser)
     parser.add_argument("words", nargs="*", metavar="[VEHICLE] FILE", help="ends in .toml or .plan")
     action = parser.add_mutually_exclusive_group()
-    for name, purpose in (
-        ("pause", "wait"),
-        ("resume", "go on"),
-        ("hold", "stop and hold here; --resume goes on"),
-    ):
+    actions = {"pause": "wait", "resume": "go on", "hold": "stop and hold here; --resume goes on"}
+    for name, purpose in actions.items():
         action.add_argument(f"--{name}", dest="action", action="store_const", const=name, help=purpose)
     parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")
     options = parser.parse_intermixed_args(argv)
@@ -116,3 +108,10 @@ def follow(argv: list[str]) -> int:
         sys.stderr.write(f"holdfast follow: {error}\n")
         return 2
     return send("follow", whom, "follow", {"path": msgspec.to_builtins(path)}, options.connect)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text}: must be a finite number")
+    return number

@@ -10,7 +10,8 @@ from typing import Any
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS, fields
+from companion.telemetry.commands import COMMANDS
+from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
 from dashboard.arguments import add_connect
@@ -56,16 +57,10 @@ def main(argv: list[str]) -> int:
         "tell", "Sends a command to a vehicle over Zenoh, and prints the answer.", _epilog()
     )
     add_connect(parser)
-    parser.add_argument(
-        "words",
-        nargs="+",
-        metavar="[VEHICLE] COMMAND [KEY=VALUE ...]",
-        help="see the list below; `holdfast watch` shows the names of vehicles",
-    )
+    about = "see the list below; `holdfast watch` shows the names of vehicles"
+    parser.add_argument("words", nargs="+", metavar="[VEHICLE] COMMAND [KEY=VALUE ...]", help=about)
     options = parser.parse_args(argv)
     words: list[str] = options.words
-    if "record" in words[:2]:
-        parser.error("record is no more: `holdfast dashboard --record DIR` has a button")
     vehicle = words.pop(0) if words[0] not in KNOWN and len(words) > 1 else None
     command, *fields_given = words
     try:
@@ -78,14 +73,12 @@ def main(argv: list[str]) -> int:
     return send("tell", vehicle, command, what, options.connect)
 
 
-def order(
-    name: str, purpose: str, argv: list[str], command: str, what: Mapping[str, object] | None = None
-) -> int:
+def order(argv: list[str], name: str, purpose: str, command: str, what: Mapping[str, object]) -> int:
     """Run a command of one word, such as `holdfast release`; returns 1 if it was not done."""
     parser = command_parser(name, purpose, ORDER_EXAMPLES.format(name=name))
     add_vehicle(parser)
     options = parser.parse_args(argv)
-    return send(name, options.vehicle, command, what or {}, options.connect)
+    return send(name, options.vehicle, command, what, options.connect)
 
 
 def send(program: str, vehicle: str | None, command: str, what: Mapping[str, object], connect: str) -> int:
@@ -95,7 +88,7 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
     """
     try:
         if vehicle is not None:
-            telemetry.command_key(vehicle, command)  # raises ValueError for what can be no name
+            telemetry.key(vehicle, "command", command)  # raises ValueError for what can be no name
         with Subscription("holdfast/*/alive/none", connect) as seen:  # nothing comes there: it only asks
             if not _wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
@@ -125,25 +118,16 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
 
 def add_vehicle(parser: argparse.ArgumentParser) -> None:
     """Add who is told, and where it is found."""
-    parser.add_argument(
-        "vehicle",
-        nargs="?",
-        metavar="VEHICLE",
-        help="its name, if more than one vehicle is heard",
-    )
+    about = "its name, if more than one vehicle is heard"
+    parser.add_argument("vehicle", nargs="?", metavar="VEHICLE", help=about)
     add_connect(parser)
 
 
 def _only_one(seen: Subscription) -> str:
     """Return the name of the vehicle whose companion runs; raise ValueError if none or several do."""
-    names: set[str] = set()
-
-    def heard() -> bool:
-        names.update(seen.companions())
-        return bool(names)
-
-    if _wait(heard, PATIENCE_S):
-        _wait(lambda: heard() and len(names) > 1, ALONE_S)
+    if _wait(lambda: bool(seen.companions()), PATIENCE_S):
+        _wait(lambda: len(seen.companions()) > 1, ALONE_S)
+    names = seen.companions()
     if len(names) != 1:
         listed = ", ".join(map(printable, sorted(names)[:MOST_NAMED]))
         raise ValueError(
@@ -166,13 +150,13 @@ def _epilog() -> str:
     for name, kind in COMMANDS.items():
         purpose = (kind.__doc__ or "").partition("\n")[0]
         lines += textwrap.wrap(f"{name:22}  {purpose}", 106, initial_indent="  ", subsequent_indent=" " * 26)
-        taken = "  ".join(f"{field.name}={'|'.join(field.choices)}" for field in fields(kind))
+        taken = "  ".join(f"{name}={'|'.join(field.choices)}" for name, field in fields_of(kind).items())
         lines += textwrap.wrap(taken, 80, initial_indent=" " * 26, subsequent_indent=" " * 26)
     return "\n".join([*lines, EXAMPLES])
 
 
 def _config(seen: Subscription, vehicle: str) -> int:
-    answer = seen.ask(telemetry.config_key(vehicle))
+    answer = seen.ask(telemetry.key(vehicle, "config"))
     if answer is None:
         sys.stderr.write(f"holdfast tell: nobody answers for '{vehicle}'{seen.others()}\n")
         return 1

@@ -1,11 +1,11 @@
-"""`holdfast watch`: vehicles in a terminal. `picture` draws what a `Feed` gathered, `main` loops."""
+"""`holdfast watch`: vehicles in a terminal. `picture` draws what came, `main` loops."""
 
 import argparse
 import math
 import sys
 import time
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
 
 import msgspec
 from rich import box
@@ -16,49 +16,45 @@ from rich.table import Table
 from rich.text import Text
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.conditions import UNSAID, named
 from companion.telemetry.glossary import (
-    ENDPOINT,
     LINK_LOST,
     PAST,
     TO_DO,
-    holder,
+    UNSAID,
+    named,
     on_engaging,
     silence,
     title,
     whole,
 )
 from companion.telemetry.modes import MODE_NAMES
-from companion.telemetry.schemas import Dof, Event, Loop, State, Supervisor
-from dashboard.arguments import add_connect
-from dashboard.terminal.feed import Feed, Feeds
+from companion.telemetry.schemas import ENDPOINT, Dof, Event, State, Supervisor, printable
+from dashboard.arguments import WHERE, add_connect
+from dashboard.vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
-EXAMPLES = """\
+EXAMPLES = f"""\
 examples:
   holdfast watch                                 the vehicles that publish on this machine
-  holdfast watch --connect laptop.json5          a vehicle on the network, by TLS: docs/telemetry.md, "Where"
+  holdfast watch --connect laptop.json5          a vehicle on the network, by TLS
   holdfast watch --name kelp --once              one snapshot of one vehicle
   holdfast watch --once --json                   for scripts
 
-By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS. With a Zenoh
-router on the vehicle and telemetry.mode = "client" in the companion's configuration, --connect
-tcp/192.168.2.2:7447 reaches it too, without encryption. `holdfast dashboard` has maps and plots.
+{WHERE}`holdfast dashboard` has maps and plots.
 """
 
 PATIENCE_S = 5.0
+STALE_S = 0.5
 
 _REFRESH_S = 0.125
 _WIDTH = 80
+_EVENTS = 2
 
-_STYLES = {
+_STYLES = dict.fromkeys(("RAMP_DOWN", "HAND_OVER", "PILOT"), "bold black on yellow") | {
     "IDLE": "white on grey23",
     "READY": "black on white",
     "ACTIVE": "bold white on blue",
-    "RAMP_DOWN": "bold black on yellow",
-    "HAND_OVER": "bold black on yellow",
-    "PILOT": "bold black on yellow",
     "FAULT": "bold white on red",
 }
 _DOFS = {"x": "north", "y": "east", "z": "depth", "psi": "heading"}
@@ -68,123 +64,132 @@ _DASH = "–"
 # --- The picture ------------------------------------------------------------------------------------------
 
 
-def picture(feeds: Sequence[Feed], nobody: str, connect: str = ENDPOINT) -> RenderableType:
+class Look(NamedTuple):
+    """Who was heard, and when they are looked at: a monotonic clock of this machine."""
+
+    fleet: Fleet[Vehicle]
+    now_s: float
+    connected: bool = True
+    endpoint: str = ENDPOINT
+
+    @property
+    def vehicles(self) -> list[Vehicle]:
+        """Those that published something, by name."""
+        return [vehicle for _, vehicle in sorted(self.fleet.vehicles.items()) if vehicle.latest]
+
+    def stale(self, vehicle: Vehicle) -> bool:
+        """Whether what is known is the past."""
+        return vehicle.age_s(self.now_s) > STALE_S
+
+
+def picture(look: Look, nobody: str = "") -> RenderableType:
     """Draw one vehicle wholly, several as a line each; `nobody` where none is heard.
 
     Every colour has a word beside it; what is old is dim and says so.
     """
-    if not feeds:
+    vehicles = look.vehicles
+    if not vehicles:
         return Panel(nobody, title="holdfast", title_align="left", box=box.ROUNDED)
-    if len(feeds) > 1:
-        body, heading = _fleet(feeds), Text.assemble(("holdfast", "bold"), f" {len(feeds)} vehicles")
-        return Panel(body, title=heading, title_align="left", box=box.ROUNDED, width=_WIDTH)
-    (feed,) = feeds
-    loop = feed.get(Loop, "loop")
-    parts = [_banner(feed, connect), Text(), _degrees_of_freedom(feed), Text()]
-    parts += [_event(event, feed.now_s) for event in feed.events]
-    if feed.trouble:
-        parts.append(Text(feed.trouble, "italic"))
-    age = f"{feed.age_s:.2f} s old{'' if feed.connected else ', not connected'}"
+    if len(vehicles) > 1:
+        heading = Text.assemble(("holdfast", "bold"), f" {len(vehicles)} vehicles")
+        return Panel(_fleet(look), title=heading, title_align="left", box=box.ROUNDED, width=_WIDTH)
+    (vehicle,) = vehicles
+    age_s, stale, loop = vehicle.age_s(look.now_s), look.stale(vehicle), vehicle.loop
+    parts = [*_banner(vehicle, look), Text(), _degrees_of_freedom(vehicle), Text()]
+    parts += [_event(event, vehicle, look) for event in list(vehicle.events)[-_EVENTS:]]
+    if look.fleet.trouble:
+        parts.append(Text(look.fleet.trouble, "italic"))
+    age = f"{age_s:.2f} s old{'' if look.connected else ', not connected'}"
+    name = f" {printable(vehicle.name)}  {loop.version if loop else ''}"
     return Panel(
         Group(*parts),
-        title=Text.assemble(("holdfast", "bold"), f" {feed.vehicle}  {loop.version if loop else ''}"),
+        title=Text.assemble(("holdfast", "bold"), name),
         title_align="left",
-        subtitle=Text(f" STALE, {age} ", "reverse") if feed.stale else Text(f"live, {age}"),
+        subtitle=Text(f" STALE, {age} ", "reverse") if stale else Text(f"live, {age}"),
         subtitle_align="right",
         box=box.ROUNDED,
-        style="dim" if feed.stale else "",
+        style="dim" if stale else "",
         width=_WIDTH,
     )
 
 
-def _fleet(feeds: Sequence[Feed]) -> RenderableType:
+def _fleet(look: Look) -> RenderableType:
     table = _table("vehicle", "state", "depth", "heading", "motors", "battery", "data")
-    for feed in feeds:
-        supervisor, state = feed.get(Supervisor, "supervisor"), feed.get(State, "state")
-        name = supervisor.state if supervisor else _DASH
+    for vehicle in look.vehicles:
+        stale, state, name = look.stale(vehicle), vehicle.state, vehicle.supervised or _DASH
         table.add_row(
-            Text(feed.vehicle, "bold"),
-            Text(f" {title(name)} ", "" if feed.stale else _STYLES.get(name, "")),
+            Text(printable(vehicle.name), "bold"),
+            Text(f" {title(name)} ", "" if stale else _STYLES.get(name, "")),
             _place(state.depth_m, "z") if state and "depth_m" not in state.absent else _DASH,
             _place(state.heading_rad, "psi") if state and "heading_rad" not in state.absent else _DASH,
-            _armed(state) or _DASH,
+            _armed(vehicle) or _DASH,
             _volts(state),
-            Text(f"STALE {feed.age_s:.0f} s", "reverse") if feed.stale else Text("live"),
-            style="dim" if feed.stale else "",
+            Text(f"STALE {vehicle.age_s(look.now_s):.0f} s", "reverse") if stale else Text("live"),
+            style="dim" if stale else "",
         )
-    events = [_event(feed.events[-1], feed.now_s, f"{feed.vehicle}: ") for feed in feeds if feed.events]
+    events = [
+        _event(vehicle.events[-1], vehicle, look, f"{printable(vehicle.name)}: ")
+        for vehicle in look.vehicles
+        if vehicle.events
+    ]
     return Group(table, *events, Text("one of them wholly: holdfast watch --name NAME", "dim"))
 
 
-def _event(event: Event, now_s: float, whose: str = "") -> Text:
+def _event(event: Event, vehicle: Vehicle, look: Look, whose: str = "") -> Text:
     """Draw an event in one line, with its age."""
     style = {"fault": "bold red", "warning": "yellow"}.get(event.severity, "")
-    line = Text(f"{max(0.0, now_s - event.t_s):4.0f} s ago  {whose}{event.severity}: {event.text}", style)
+    ago_s = max(0.0, vehicle.t_s + vehicle.age_s(look.now_s) - event.t_s)
+    line = Text(f"{ago_s:4.0f} s ago  {whose}{event.severity}: {event.text}", style)
     line.truncate(_WIDTH - 4, overflow="ellipsis")
     return line
 
 
-def _banner(feed: Feed, connect: str) -> RenderableType:
+def _banner(vehicle: Vehicle, look: Look) -> Iterator[RenderableType]:
     """Draw who steers, why, and what to do; below it what the vehicle says of itself."""
-    supervisor, state = feed.get(Supervisor, "supervisor"), feed.get(State, "state")
-    known = state is not None and "armed" not in state.absent
-    armed, mode = (state.armed, state.mode) if state and known else (None, None)
-    lines: list[Text] = []
-    if feed.stale:
-        lines.append(Text(f" STALE: {PAST.format(feed.age_s)}. ", "reverse"))
-    if feed.stale and supervisor:
-        reason, remedy = silence(
-            feed.vehicle, "", connected=feed.connected, state=supervisor.state, armed=armed
-        )
-        lines += [Text(reason, "bold"), Text(f"{TO_DO}: {remedy}")]
-    elif supervisor:
-        style, name = _STYLES.get(supervisor.state, "reverse"), title(supervisor.state)
-        has = holder(
-            supervisor.state,
-            guidance=state.guidance if state else "",
-            armed=armed,
-            mode=mode,
-            disarms_in_s=supervisor.disarms_in_s,
-            system_status=state.system_status if state else 0,
-        )
-        if "LINK_LOST" in supervisor.conditions:
-            style, name, has = _STYLES["FAULT"], LINK_LOST, name
-        lines.append(Text.assemble((f"  {name}  ", style), f"  {has}, authority {supervisor.authority:.0%}"))
-        unsaid = [
-            condition.text
-            for condition in named(supervisor.conditions) & ~UNSAID
-            if condition.awaited not in supervisor.reason and condition.text not in supervisor.reason
-        ]
-        lines.append(Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim"))
-        if supervisor.remedy:
-            lines.append(Text(f"{TO_DO}: {whole(supervisor.remedy, feed.vehicle, connect)}"))
-        if state and state.pending:
-            lines.append(Text(on_engaging(state.pending), "bold"))
+    state, stale = vehicle.state, look.stale(vehicle)
+    if stale:
+        yield Text(f" STALE: {PAST.format(vehicle.age_s(look.now_s))}. ", "reverse")
+    if stale and vehicle.supervisor:
+        reason, remedy = vehicle.silence("", connected=look.connected)
+        yield Text(printable(reason), "bold")
+        yield Text(f"{TO_DO}: {remedy}")
+    elif vehicle.supervisor:
+        yield from _supervision(vehicle, vehicle.supervisor, look)
     if state:
-        named_mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
-        lines.append(
-            Text.assemble(
-                (
-                    f"{'was ' if feed.stale and known else ''}{_armed(state) or 'armed or not: unknown'}",
-                    "bold",
-                ),
-                f" in {named_mode}   battery {_volts(state)}   stick gain ",
-                f"{state.pilot_gain:.0%}" if known else _DASH,
-            )
-        )
-    if state and round(state.depth_offset_m, 2):
-        lines.append(Text(f"the autopilot's depth, whose zero moved, is {state.depth_offset_m:+.2f} m off"))
-    return Group(*lines)
+        known = vehicle.mode is not None
+        mode = MODE_NAMES.get(state.mode, f"mode {state.mode}") if known else "mode unknown"
+        motors = f"{'was ' if stale and known else ''}{_armed(vehicle) or 'armed or not: unknown'}"
+        gain = f"{state.pilot_gain:.0%}" if known else _DASH
+        yield Text.assemble((motors, "bold"), f" in {mode}   battery {_volts(state)}   stick gain {gain}")
+        if round(state.depth_offset_m, 2):
+            yield Text(f"the autopilot's depth, whose zero moved, is {state.depth_offset_m:+.2f} m off")
 
 
-def _degrees_of_freedom(feed: Feed) -> Table:
-    table = _table("", "is", "should be", "error", "learnt", "")
-    loop = feed.get(Loop, "loop")
+def _supervision(vehicle: Vehicle, supervisor: Supervisor, look: Look) -> Iterator[RenderableType]:
+    style, name, has = _STYLES.get(supervisor.state, "reverse"), title(supervisor.state), vehicle.holder
+    if "LINK_LOST" in supervisor.conditions:
+        style, name, has = _STYLES["FAULT"], LINK_LOST, name
+    yield Text.assemble((f"  {name}  ", style), f"  {has}, authority {supervisor.authority:.0%}")
+    unsaid = [
+        condition.text
+        for condition in named(supervisor.conditions) & ~UNSAID
+        if condition.awaited not in supervisor.reason and condition.text not in supervisor.reason
+    ]
+    yield Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim")
+    if supervisor.remedy:
+        yield Text(f"{TO_DO}: {whole(supervisor.remedy, printable(vehicle.name), look.endpoint)}")
+    if vehicle.state and vehicle.state.pending:
+        yield Text(on_engaging(vehicle.state.pending), "bold")
+
+
+def _degrees_of_freedom(vehicle: Vehicle) -> Table:
+    table, loop = _table("", "is", "should be", "error", "learnt", ""), vehicle.loop
     for dof, name in _DOFS.items():
-        record = feed.get(Dof, f"dof/{dof}")
+        record = vehicle.get(Dof, f"dof/{dof}")
         if record is None:
             continue
         known = not {"x", "e"} & set(record.absent)
+        place = _place(record.x, dof) if known else _DASH
         if not known and loop:
             age_s = getattr(loop, _AGES[dof])
             never = age_s >= telemetry.NEVER_S
@@ -192,13 +197,12 @@ def _degrees_of_freedom(feed: Feed) -> Table:
             silent = "never came" if never else f"STALE {age_s:.0f} s"
             table.add_row(name, last, _DASH, _DASH, _DASH, silent, style="dim" if never else "dim yellow")
         elif not record.engaged:
-            place = _place(record.x, dof) if known else _DASH
             table.add_row(name, place, _DASH, _DASH, _DASH, "not held", style="dim")
         else:
             doing = "learning" if record.adapting else "held"
             table.add_row(
                 Text(name, "bold"),
-                _place(record.x, dof) if known else _DASH,
+                place,
                 _place(record.x_d, dof),
                 _error(record.e, dof) if known else _DASH,
                 f"{record.d_hat:+.1f} {record.tau_unit}",
@@ -216,11 +220,9 @@ def _table(*headings: str) -> Table:
     return table
 
 
-def _armed(state: State | None) -> str:
+def _armed(vehicle: Vehicle) -> str:
     """Return whether the motors may turn; "" where nobody knows."""
-    if state is None or "armed" in state.absent:
-        return ""
-    return "ARMED" if state.armed else "disarmed"
+    return {True: "ARMED", False: "disarmed", None: ""}[vehicle.armed]
 
 
 def _volts(state: State | None) -> str:
@@ -261,11 +263,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--name", default="", metavar="NAME", help="show only this vehicle, wholly")
     add_connect(parser)
-    parser.add_argument(
-        "--once",
-        action="store_true",
-        help=f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s",
-    )
+    once = f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s"
+    parser.add_argument("--once", action="store_true", help=once)
     parser.add_argument("--json", action="store_true", help="the same as JSON: the newest record of each key")
     return parser
 
@@ -275,39 +274,43 @@ def _nobody(options: argparse.Namespace, seen: Subscription) -> str:
 
 
 def _once(options: argparse.Namespace, seen: Subscription, console: Console) -> int:
-    feeds, deadline_s = Feeds(), time.monotonic() + PATIENCE_S
-    while not feeds.complete and time.monotonic() < deadline_s:
-        feeds.take([*seen.last(), *seen.take()], time.monotonic())  # a replay keeps nothing
+    fleet, deadline_s = Fleet(Vehicle), time.monotonic() + PATIENCE_S
+    while not _complete(fleet) and time.monotonic() < deadline_s:
+        fleet.take([*seen.last(), *seen.take()], time.monotonic())  # a replay keeps nothing
         time.sleep(0.02)
-    shown = feeds.look(time.monotonic(), connected=seen.connected)
-    if not shown:
+    look = Look(fleet, time.monotonic(), seen.connected, options.connect)
+    if not look.vehicles:
         sys.stderr.write(f"holdfast watch: {_nobody(options, seen)}\n")
         return 1
     if options.json:
-        vehicles = [figures_of(feed) for feed in shown]
+        vehicles = [figures_of(vehicle, look.now_s) for vehicle in look.vehicles]
         figures = vehicles[0] if len(vehicles) == 1 else {"vehicles": vehicles}
         sys.stdout.write(msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n")
     else:
-        console.print(picture(shown, "", options.connect))
+        console.print(picture(look))
     return 0
 
 
+def _complete(fleet: Fleet[Vehicle]) -> bool:
+    """Tell whether somebody was heard, and everybody under every key."""
+    return bool(fleet.vehicles) and all(vehicle.complete for vehicle in fleet.vehicles.values())
+
+
 def _live(options: argparse.Namespace, seen: Subscription, console: Console) -> int:
-    feeds = Feeds()
+    fleet = Fleet(Vehicle)
     with Live(console=console, screen=True, auto_refresh=False) as live:
         try:
             while True:
                 now_s = time.monotonic()
-                feeds.take(seen.take(), now_s)
-                shown = feeds.look(now_s, connected=seen.connected)
-                nobody = _nobody(options, seen)
-                live.update(picture(shown, nobody, options.connect), refresh=True)
+                fleet.take(seen.take(), now_s)
+                look = Look(fleet, now_s, seen.connected, options.connect)
+                live.update(picture(look, _nobody(options, seen)), refresh=True)
                 time.sleep(_REFRESH_S)
         except KeyboardInterrupt:
-            return 0 if feeds else 1
+            return 0 if fleet.vehicles else 1
 
 
-def figures_of(feed: Feed) -> dict[str, object]:
+def figures_of(vehicle: Vehicle, now_s: float) -> dict[str, object]:
     """Return the newest record of each key, as `--json` prints it."""
-    latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(feed.latest.items())}
-    return {"vehicle": feed.vehicle, "age_s": feed.age_s, **latest}
+    latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(vehicle.latest.items())}
+    return {"vehicle": vehicle.name, "age_s": vehicle.age_s(now_s), **latest}

@@ -7,9 +7,9 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -17,15 +17,13 @@ import msgspec
 from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import MAX_BYTES, SetRecording, parse
-from companion.telemetry.glossary import silence
+from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
-from dashboard.recording.record import RecorderThread
-from dashboard.recording.recorder import FileLimits
+from dashboard.vehicles import MOST_VEHICLES, Vehicle
 from dashboard.web import cockpit, connections, gate, vocabulary
 from dashboard.web.columns import COLUMNS
 from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
-from dashboard.web.fleet import HISTORY_S, MOST_VEHICLES, Fleet, VehicleHistory
+from dashboard.web.fleet import Histories, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
@@ -34,9 +32,9 @@ from holdfast import own_version, port_taken
 BEAT_S = 0.025
 STATUS_S = 0.15
 CONFIG_S = 10.0
+CONFIG_ANSWER_S = 2.0
 MOST_BROWSERS = 32
 CLOSE_S = 1.0
-RECORDER_LOOK_S = 0.5
 MOST_BEHIND = 150
 """Rows: a browser that is 3 s behind gets the present instead; no frame has more of them."""
 SEND_BUFFER = 65536
@@ -59,6 +57,7 @@ PANELS = {
     "events": "Events",
     "status": "State, and what to do",
 }
+NOBODY = Vehicle("")
 _STATIC = Path(__file__).parent / "static"
 _READ_ONLY = "this dashboard is read-only: it was started without --allow-control"
 
@@ -69,11 +68,10 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Dashboard:
     """Zenoh in, web pages out."""
 
-    def __init__(self, settings: DashboardOptions, recorder: RecorderThread | None = None) -> None:
+    def __init__(self, settings: DashboardOptions) -> None:
         self._settings = settings
-        self._recorder = recorder
         self._names = ("localhost", *settings.names)
-        self._fleet = Fleet()
+        self._fleet = Histories()
         self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
         self._truth = Subscription("sim/*/truth", settings.endpoint)
         self._beat = asyncio.Event()
@@ -82,15 +80,13 @@ class Dashboard:
         self._asked = ThreadPoolExecutor(connections.MOST + 2 * MOST_VEHICLES, "asked")
         """A thread for all that is asked at once: no command waits behind a vehicle that does not answer."""
         self._config_asked_s: dict[str, float] = {}
-        self._asking: set[asyncio.Task[None]] = set()
-        self._leaving: set[asyncio.Task[bool]] = set()
+        self._tasks: set[asyncio.Task[Any]] = set()
 
     def application(self) -> web.Application:
         """Return the web application; it listens to Zenoh as long as it runs."""
         app = web.Application(middlewares=[self._guarded], client_max_size=MAX_BYTES)
-        for path in ("/", "/engineer"):
+        for path in ("/", "/engineer", "/panel/{name}"):
             app.router.add_get(path, _page)
-        app.router.add_get("/panel/{name}", _panel)
         app.router.add_get("/ws", self._socket)
         app.router.add_post("/api/token", self._token)
         app.router.add_post("/api/{vehicle}/{command}", self._command)
@@ -126,14 +122,18 @@ class Dashboard:
     def _keep_config(self, vehicle: VehicleHistory, now_s: float) -> None:
         if now_s - self._config_asked_s.get(vehicle.name, -CONFIG_S) >= CONFIG_S:
             self._config_asked_s[vehicle.name] = now_s
-            task = asyncio.create_task(self._read_config(vehicle))
-            self._asking.add(task)
-            task.add_done_callback(self._asking.discard)
+            self._begin(self._read_config(vehicle))
+
+    def _begin(self, work: Coroutine[Any, Any, Any]) -> None:
+        """Do it meanwhile; asyncio itself forgets a task that nobody holds."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     async def _read_config(self, vehicle: VehicleHistory) -> None:
-        keys = telemetry.config_key(vehicle.name), telemetry.choices_key(vehicle.name)
+        keys = telemetry.key(vehicle.name, "config"), telemetry.key(vehicle.name, "choices")
         config, choices = await asyncio.gather(
-            *(self._ask(self._telemetry.ask, key, b"", 2.0) for key in keys)
+            *(self._ask(self._telemetry.ask, key, b"", CONFIG_ANSWER_S) for key in keys)
         )
         with suppress(ValueError, RecursionError):
             if config is not None:
@@ -173,12 +173,9 @@ class Dashboard:
         socket_ = web.WebSocketResponse(heartbeat=5.0, compress=False, max_msg_size=1024, timeout=CLOSE_S)
         await socket_.prepare(request)
         connection = _connection(request)
-        connection.is_websocket()
-        transport = request.transport
-        if transport is not None:
-            raw: socket.socket | None = transport.get_extra_info("socket")
-            if raw is not None:
-                raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        connection.stay()
+        if raw := request.get_extra_info("socket"):
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self._browsers[connection] = socket_
         feeding = asyncio.create_task(self._feed(socket_, request.query.get("vehicle", "")))
         try:
@@ -196,75 +193,35 @@ class Dashboard:
         """Close one browser, and drop it if it does not read that."""
         oldest = most_crowded(self._browsers)
         oldest.ends_within(CLOSE_S)
-        task = asyncio.create_task(self._browsers.pop(oldest).close(code=WSCloseCode.TRY_AGAIN_LATER))
-        self._leaving.add(task)
-        task.add_done_callback(self._leaving.discard)
+        self._begin(self._browsers.pop(oldest).close(code=WSCloseCode.TRY_AGAIN_LATER))
 
     async def _feed(self, socket_: web.WebSocketResponse, name: str) -> None:
         """Send what is new, as fast as the browser takes it: what it missed for too long it never gets."""
-        await socket_.send_str(
-            message_text(
-                hello={
-                    "columns": COLUMNS,
-                    "history_s": HISTORY_S,
-                    "control": bool(self._settings.token),
-                    "records": self._recorder is not None,
-                    "version": own_version(),
-                }
-            )
-        )
-        row = event = 0
-        epoch = config = -1
-        status_s = 0.0
-        said = ""
-        plan: Plan | None = None
-        vehicle: VehicleHistory | None = None
+        hello = {"columns": COLUMNS, "control": bool(self._settings.token)}
+        await socket_.send_str(message_text(hello=hello))
+        news: News | None = None
+        status_s, said = 0.0, ""
         while True:
-            if vehicle is None:
-                vehicle = self._fleet.get(name)
-            now_s = time.monotonic()
-            if vehicle is not None:
-                ring = vehicle.ring
-                if ring.epoch != epoch:
-                    epoch, row, event = ring.epoch, 0, 0
-                elif row:
-                    row = next_row(row, ring.end, MOST_BEHIND)
-                while ring.epoch == epoch and (frame := ring.frame(row, MOST_BEHIND)):
-                    row = frame.end
-                    await socket_.send_bytes(frame.data)
-                if vehicle.event_count != event:
-                    events, event = vehicle.events_from(event), vehicle.event_count
-                    await socket_.send_str(message_text(events=events))
-                if vehicle.plan is not plan:
-                    plan = vehicle.plan
-                    await socket_.send_str(message_text(plan=plan))
-                if vehicle.config_version != config:
-                    config = vehicle.config_version
-                    await socket_.send_str(message_text(choices=vehicle.choices))
-                    await socket_.send_str(message_text(config=vehicle.config))
-            state = vehicle.state if vehicle else ""
+            if news is None and (found := self._fleet.get(name)) is not None:
+                news = News(found)
+            vehicle = news.vehicle if news else None
+            if news is not None:
+                for frame in news.frames():
+                    await socket_.send_bytes(frame)
+                for text in news.texts():
+                    await socket_.send_str(text)
+            now_s, state = time.monotonic(), vehicle.supervised if vehicle else ""
             if now_s - status_s >= STATUS_S or state != said:
                 status_s, said = now_s, state
                 await socket_.send_str(self._status(vehicle, now_s))
             await self._beat.wait()
 
     def _status(self, vehicle: VehicleHistory | None, now_s: float) -> str:
-        return message_text(
-            status={
-                "now_s": now_s,
-                "endpoint": self._settings.endpoint,
-                "silence": self._silence(vehicle),
-                **self._fleet.status(now_s),
-                **(vehicle.status(now_s) if vehicle else {"vehicle": None}),
-            }
-        )
-
-    def _silence(self, vehicle: VehicleHistory | None) -> tuple[str, str]:
-        """Return what to show if the page finds that nothing new comes."""
-        endpoint, connected = self._settings.endpoint, self._telemetry.connected
-        if vehicle is None:
-            return silence("", endpoint, connected=connected)
-        return silence(vehicle.name, endpoint, connected=connected, state=vehicle.state, armed=vehicle.armed)
+        """Return what is said of the fleet and the vehicle, and what to show if nothing new comes."""
+        endpoint = self._settings.endpoint
+        status = {"now_s": now_s, "endpoint": endpoint, "vehicles": self._fleet.briefs(now_s)}
+        status["silence"] = (vehicle or NOBODY).silence(endpoint, connected=self._telemetry.connected)
+        return message_text(status=status | (vehicle.status(now_s) if vehicle else {"vehicle": None}))
 
     def _refusal(self, request: web.Request) -> web.Response | None:
         if not self._settings.token:
@@ -285,14 +242,10 @@ class Dashboard:
         if name not in self._fleet.vehicles:
             return _reply(404, f"nothing is heard of '{name}'")
         try:
-            wanted = parse(command, await request.read() or b"{}", vocabulary.ALL_COMMANDS)
+            wanted = parse(command, await request.read() or b"{}")
         except ValueError as error:
             return _reply(400, str(error))
-        if isinstance(wanted, SetRecording):
-            if self._recorder is None or self._recorder.vehicle != name:
-                return _reply(404, f"this dashboard does not record '{name}': start it with --record DIR")
-            return _reply_as(200, await self._ask(self._recorder.switch, wanted.on))
-        key = telemetry.command_key(name, command)
+        key = telemetry.key(name, "command", command)
         answer = await self._ask(self._telemetry.ask, key, msgspec.json.encode(wanted))
         self._config_asked_s.pop(name, None)
         if answer is None:
@@ -303,16 +256,47 @@ class Dashboard:
             return _reply(502, f"'{name}' answered '{command}' with no Reply: {error}")
 
 
+class News:
+    """What one browser has not got of its vehicle yet."""
+
+    def __init__(self, vehicle: VehicleHistory) -> None:
+        self.vehicle = vehicle
+        self._row = self._event = 0
+        self._epoch = self._config = -1
+        self._plan: Plan | None = None
+
+    def frames(self) -> Iterator[bytes]:
+        """Give the new rows; asked after each is sent, and the vehicle may have restarted meanwhile."""
+        ring = self.vehicle.ring
+        if ring.epoch != self._epoch:
+            self._epoch, self._row, self._event = ring.epoch, 0, 0
+        elif self._row:
+            self._row = next_row(self._row, ring.end, MOST_BEHIND)
+        while ring.epoch == self._epoch and (frame := ring.frame(self._row, MOST_BEHIND)):
+            self._row = frame.end
+            yield frame.data
+
+    def texts(self) -> Iterator[str]:
+        """Give what else is new, as JSON."""
+        vehicle = self.vehicle
+        if vehicle.event_count != self._event:
+            events, self._event = vehicle.events_from(self._event), vehicle.event_count
+            yield message_text(events=events)
+        if vehicle.plan is not self._plan:
+            self._plan = vehicle.plan
+            yield message_text(plan=self._plan)
+        if vehicle.config_version != self._config:
+            self._config = vehicle.config_version
+            yield message_text(choices=vehicle.choices)
+            yield message_text(config=vehicle.config)
+
+
 def _connection(request: web.Request) -> Connection:
     return cast(Connection, request.protocol)
 
 
 async def _page(request: web.Request) -> web.StreamResponse:
-    return web.FileResponse(_STATIC / "index.html")
-
-
-async def _panel(request: web.Request) -> web.StreamResponse:
-    if request.match_info["name"] not in PANELS:
+    if request.match_info.get("name", "map") not in PANELS:
         raise web.HTTPNotFound(text=f"There are {', '.join(PANELS)}.")
     return web.FileResponse(_STATIC / "index.html")
 
@@ -360,14 +344,9 @@ def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
 
 
-async def serve(
-    settings: DashboardOptions,
-    stop: asyncio.Event,
-    listening: Callable[[int], None],
-    recorder: RecorderThread | None = None,
-) -> None:
+async def serve(settings: DashboardOptions, stop: asyncio.Event, listening: Callable[[int], None]) -> None:
     """Serve until `stop`; tell `listening` the port. Raises OSError where it is taken."""
-    runner = web.AppRunner(Dashboard(settings, recorder).application(), access_log=None, shutdown_timeout=1.0)
+    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     assert runner.server is not None
     connections = Connections(runner.server)
@@ -394,7 +373,7 @@ def _listeners(host: str, port: int) -> Iterator[socket.socket]:
         yield listener
 
 
-async def _serve(settings: DashboardOptions, recorder: RecorderThread | None) -> None:
+async def _serve(settings: DashboardOptions) -> None:
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -403,14 +382,7 @@ async def _serve(settings: DashboardOptions, recorder: RecorderThread | None) ->
         sys.stdout.write(announcement(settings, port, terminal=sys.stdout.isatty()) + "\n")
         sys.stdout.flush()
 
-    async def stop_with_recorder() -> None:
-        while recorder is None or recorder.failure is None:
-            await asyncio.sleep(RECORDER_LOOK_S)
-        stop.set()
-
-    looking = asyncio.create_task(stop_with_recorder())
-    await serve(settings, stop, announce, recorder)
-    looking.cancel()
+    await serve(settings, stop, announce)
 
 
 def main(settings: DashboardOptions) -> int:
@@ -419,20 +391,10 @@ def main(settings: DashboardOptions) -> int:
     log.addFilter(SparingFilter())
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
     try:
-        with _recorder(settings) as recorder:
-            asyncio.run(_serve(settings, recorder))
-            if recorder is not None and recorder.failure is not None:
-                sys.stderr.write(f"holdfast dashboard: the recorder failed: {recorder.failure!r}\n")
-                return 1
+        asyncio.run(_serve(settings))
     except OSError as error:
         if error.errno != errno.EADDRINUSE:
             raise
         sys.stderr.write(f"holdfast dashboard: {port_taken('tcp', settings.port)} with --listen\n")
         return 1
     return 0
-
-
-def _recorder(settings: DashboardOptions) -> AbstractContextManager[RecorderThread | None]:
-    if settings.record is None:
-        return nullcontext()
-    return RecorderThread("", settings.endpoint, FileLimits(settings.record))

@@ -1,8 +1,8 @@
 """Who may stay connected, and how much of it is logged: half-finished requests stop nobody.
 
-aiohttp limits headers and bodies in size. Its keep-alive time-out ends a connection that waits for a request,
-but not one whose body never comes or whose answer nobody reads. asyncio's own server accepts all that come;
-without a free file it logs and tries again, in growing numbers. `Connections.accept` takes its place.
+aiohttp ends a connection that waits for a request, but not one whose body never comes or whose answer nobody
+reads. asyncio's own server accepts all that come; without a free file it logs and tries again, in growing
+numbers. `Connections.accept` takes its place.
 """
 
 import asyncio
@@ -17,8 +17,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 MOST = 128
 """Connections that are no WebSockets. A browser opens six."""
 PATIENCE_S = 12.0
-"""For a request to arrive, and from there for its answer to be read and the next request to come. A command
-takes 8 s at most."""
+"""For a request to arrive, and from there for its answer and the next: a command takes 8 s at most."""
 LINGER_S = 1.0
 MOST_HEADERS = 64
 BACKLOG = 128
@@ -92,17 +91,13 @@ class Connection(web.RequestHandler):
 
     def connection_lost(self, exc: BaseException | None) -> None:
         """Give the place back."""
-        self._stays()
+        self.stay()
         super().connection_lost(exc)
 
     def request_came(self) -> None:
         """Start the time again."""
         self.asked = True
         self.ends_within(PATIENCE_S)
-
-    def is_websocket(self) -> None:
-        """Let it stay: it has a heartbeat, and its number is limited elsewhere."""
-        self._stays()
 
     def ends_within(self, timeout_s: float) -> None:
         """Drop it after a time, unless a request comes."""
@@ -112,11 +107,12 @@ class Connection(web.RequestHandler):
 
     def drop(self) -> None:
         """Close it now. What it has not read is forgotten: `close` would keep that until it is read."""
-        self._stays()
+        self.stay()
         if self.transport is not None:
             self.transport.abort()
 
-    def _stays(self) -> None:
+    def stay(self) -> None:
+        """Let it be, such as a WebSocket: it has a heartbeat, and its number is limited elsewhere."""
         self._connections.open.pop(self, None)
         if self._end is not None:
             self._end.cancel()
@@ -148,8 +144,6 @@ class SparingFilter(logging.Filter):
         if record.exc_info and isinstance(record.exc_info[1], HttpProcessingError):
             record.exc_info = None
         if count + 1 == LOGGED:
-            record.msg, record.args = (
-                f"{record.getMessage()} (more of this kind are left out for a while)",
-                (),
-            )
+            more = f"{record.getMessage()} (more of this kind are left out for a while)"
+            record.msg, record.args = more, ()
         return count < LOGGED

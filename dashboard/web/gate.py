@@ -24,23 +24,15 @@ def host_is_ours(host: str, names: Collection[str]) -> bool:
     """
     try:
         name = urlsplit(f"//{host}").hostname or ""
+        return name in names or bool(ipaddress.ip_address(name))
     except ValueError:
         return False
-    if name in names:
-        return True
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
 
 
 def same_origin(origin: str | None, host: str) -> bool:
     """Tell whether a request comes from a page of ours. Browsers name the origin; who does not is refused."""
-    if not origin:
-        return False
     try:
-        parts = urlsplit(origin)
+        parts = urlsplit(origin or "")
     except ValueError:
         return False
     return parts.scheme in ("http", "https") and parts.netloc == host

@@ -4,24 +4,20 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from dashboard.arguments import add_connect, listen_address
+from dashboard.arguments import WHERE, add_connect, listen_address
 from holdfast import files
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, removed_option
 
 SHORTEST_TOKEN = 16
 
-EXAMPLES = """\
+EXAMPLES = f"""\
 examples:
   holdfast dashboard                            then open http://127.0.0.1:8600/
   holdfast dashboard --allow-control            also engage, release, aim and tune, with the token it prints
-  holdfast dashboard --record dives             and keep what it sees
-  holdfast dashboard --connect laptop.json5     on a laptop, by TLS: docs/telemetry.md, "Where"
+  holdfast dashboard --connect laptop.json5     on a laptop, by TLS
   holdfast dashboard --listen 0.0.0.0:8600 --host blueos.local
                                                 for others on the network too; by number or by that name
-By default a companion listens on its own machine alone: run the dashboard there, or open it to a laptop by
-TLS. With a Zenoh router on the vehicle and telemetry.mode = "client" in the companion's configuration,
---connect tcp/192.168.2.2:7447 reaches it too, without encryption.
-
+{WHERE}
 It opens with the pilot's view; /engineer has plots and gains. It needs no internet. Press ? there for the
 keys. Each panel also stands alone, as /panel/depth; Cockpit finds them as widgets by /register_service.
 
@@ -33,17 +29,13 @@ dashboard with --allow-control on 127.0.0.1 or on a network that is yours.
 
 @dataclass(frozen=True)
 class DashboardOptions:
-    """What the command line says. Without `token` nothing can be sent, without `record` nothing is kept.
-
-    `token_file` is where the token was read; None if it was made.
-    """
+    """What the command line says. Without `token` nothing can be sent; without `token_file` it was made."""
 
     host: str
     port: int
     names: tuple[str, ...]
     endpoint: str
     token: str
-    record: Path | None = None
     token_file: Path | None = None
 
 
@@ -54,35 +46,16 @@ def settings(argv: list[str]) -> DashboardOptions:
         "Serves a web page for pilots and control engineers: every vehicle that publishes over Zenoh, live.",
         EXAMPLES,
     )
-    parser.add_argument(
-        "--listen",
-        metavar="HOST:PORT",
-        default="127.0.0.1:8600",
-        help="address of the page (default %(default)s: this machine only)",
-    )
-    parser.add_argument(
-        "--host",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="a host name that browsers may use, besides numbers and localhost; may be repeated",
-    )
+    add = parser.add_argument
+    address = "address of the page (default %(default)s: this machine only)"
+    add("--listen", metavar="HOST:PORT", default="127.0.0.1:8600", help=address)
+    names = "a host name that browsers may use, besides numbers and localhost; may be repeated"
+    add("--host", metavar="NAME", action="append", default=[], help=names)
     add_connect(parser)
-    parser.add_argument(
-        "--allow-control", action="store_true", help="accept commands from users with the token"
-    )
-    parser.add_argument(
-        "--token-file",
-        metavar="FILE",
-        type=Path,
-        help=f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token",
-    )
-    parser.add_argument(
-        "--record",
-        metavar="DIR",
-        type=Path,
-        help="also record the first vehicle to DIR, as `holdfast record` does",
-    )
+    add("--allow-control", action="store_true", help="accept commands from users with the token")
+    token = f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token"
+    add("--token-file", metavar="FILE", type=Path, help=token)
+    removed_option(parser, "--record", "`holdfast record` is a process of its own")
     options = parser.parse_args(argv)
     host, port = listen_address(options.listen)
     if options.token_file and not options.allow_control:
@@ -90,15 +63,7 @@ def settings(argv: list[str]) -> DashboardOptions:
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
-    return DashboardOptions(
-        host,
-        port,
-        tuple(options.host),
-        options.connect,
-        token,
-        options.record,
-        options.token_file,
-    )
+    return DashboardOptions(host, port, tuple(options.host), options.connect, token, options.token_file)
 
 
 def announcement(options: DashboardOptions, port: int, *, terminal: bool) -> str:

@@ -3,12 +3,10 @@
 import msgspec
 
 from companion.telemetry import glossary
-from companion.telemetry.commands import COMMANDS, SetRecording, fields
-from companion.telemetry.conditions import ENDED
+from companion.telemetry.commands import COMMANDS
+from companion.telemetry.fields import fields_of
+from companion.telemetry.glossary import ENDED
 from companion.telemetry.modes import MODE_NAMES
-
-ALL_COMMANDS = COMMANDS | {"record": SetRecording}
-"""What the page may send: to the companion, and to the dashboard's recorder."""
 
 SHARED = ("DEAD_MOTOR", "ELSEWHERE", "LATE", "LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT")
 """Of the glossary, what the page says where the server cannot tell it."""
@@ -20,7 +18,8 @@ def module() -> str:
     ENDED gives, for the words that a condition has ended, those of its beginning. WORDS are the others.
     """
     commands = {
-        name: {field.name: field._asdict() for field in fields(kind)} for name, kind in ALL_COMMANDS.items()
+        name: {field: about._asdict() for field, about in fields_of(kind).items()}
+        for name, kind in COMMANDS.items()
     }
     tables = {
         "MODES": MODE_NAMES,

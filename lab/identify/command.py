@@ -1,31 +1,27 @@
-"""`holdfast identify --from` and `--test`: a vehicle's file from logs, and a score of one on logs."""
+"""`holdfast identify`: what it does with tables of samples, be they a manoeuvre's or logs'."""
 
 import argparse
+import datetime
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table as Printed
+import numpy as np
 
-from companion.config import VehicleFile, load_vehicle, vehicle_file
-from companion.identify.model import HORIZONS_S, Track, parameters, score
-from companion.identify.samples import Table
+from companion.config import VehicleFile, load_vehicle, vehicle_file, vehicle_text
+from companion.identify import fit
+from companion.identify.model import Track, parameters, score
+from companion.identify.samples import NoDiveError, Table
 from companion.records import AXES
-from holdfast import RefusedError, files
+from holdfast import RefusedError, files, how_to_install
 from holdfast.arguments import command_parser
 from holdfast.gate import bounded
-from lab.identify.outcome import conclude, held
 from lab.identify.readers import read
 
-SHOWN_BYTES: Final = 4 << 20
-"""Progress is shown for logs that are larger together."""
-EXAMPLES = """\
+QUALITY: Final = "1 - R² of the change of velocity"
+EXAMPLES: Final = """\
 examples:
   holdfast identify --from dive1.BIN dive2.BIN           writes vehicle.toml and vehicle.png
   holdfast identify --from dive.tlog --vehicle bluerov2  what the log does not tell is that preset's
@@ -37,11 +33,11 @@ Logs: dataflash .BIN, .tlog, MCAP of Holdfast or BlueOS, and CSV: docs/identify.
 
 
 def main(argv: list[str]) -> int:
-    """Run the command."""
+    """Run the command on logs."""
     parser = command_parser(
         "identify",
         "Finds the vehicle that explains logs of dives, manual ones too: nothing moves. Or tests a vehicle's "
-        "file on logs: 1 - R² of the change of velocity over 1 and 2 s, 1 being that it stays as it is.",
+        f"file on logs: {QUALITY} over 1 and 2 s, 1 being that it stays as it is.",
         EXAMPLES,
     )
     what = parser.add_mutually_exclusive_group(required=True)
@@ -54,84 +50,102 @@ def main(argv: list[str]) -> int:
         help="to test; with --from what the logs do not tell; default %(default)s",
     )
     parser.add_argument("--json", action="store_true", help="with --test: the scores as JSON")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("vehicle.toml"),
-        metavar="FILE",
-        help="with --from; default: %(default)s",
-    )
+    said = "with --from; default: %(default)s"
+    parser.add_argument("--out", type=Path, default=Path("vehicle.toml"), metavar="FILE", help=said)
     arguments = parser.parse_args(["--help"] if {"-h", "--help"} & {*argv} else argv)
     base = load_vehicle(vehicle_file(Path("--vehicle"), arguments.vehicle, Path()))
     if arguments.test:
         return test(arguments, base)
     files.refuse_existing(arguments.out)
-    tables = tables_of(arguments.sources, base)
-    with shown("fitting", everything=sys.stderr.isatty()) as progress:
-        return conclude(tables, base, arguments.out, progress=progress)
+    return conclude(tables_of(arguments.sources, base), base, arguments.out)
 
 
 def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
     """Score a vehicle on logs."""
-    theta = parameters(vehicle)
-    scores = {}
     tables = tables_of(arguments.test, vehicle)
-    for table in tables:
-        track = Track(table, vehicle.vehicle.frame)
-        scores[table.name] = {f"{horizon_s:g}": score([track], theta, horizon_s) for horizon_s in HORIZONS_S}
+    tracks = [Track(table, vehicle.vehicle.frame) for table in tables]
+    scores = {track.table.name: score([track], [track.settled(parameters(vehicle))]) for track in tracks}
     if arguments.json:
         sys.stdout.write(json.dumps(scores) + "\n")
         return 0
-    sys.stdout.write("\n".join(line for table in tables for line in held(table)) + "\n")
-    printed = Printed(box=box.SIMPLE_HEAD, pad_edge=False, title="1 - R² of the change of velocity")
-    for column in ("log", "ahead", *AXES, "windows"):
-        printed.add_column(column, justify="left" if column == "log" else "right")
+    lines = [line for table in tables for line in held(table)]
+    lines += [f"{QUALITY}:", f"{'log':40}{'ahead':>6}", ""]
+    lines[-2] += "".join(f"{name:>9}" for name in (*AXES, "windows"))
     for name, by_horizon in scores.items():
         for horizon, row in by_horizon.items():
-            cells = ("-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES)
-            printed.add_row(name, f"{horizon} s", *cells, str(row["windows"]))
-    Console(width=None if sys.stdout.isatty() else 120).print(printed)
+            cells = ["-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES]
+            numbers = "".join(f"{cell:>9}" for cell in (*cells, row["windows"]))
+            lines.insert(-1, f"{name:40}{horizon:>4} s{numbers}")
+    sys.stdout.write("\n".join(lines))
     return 0
 
 
-def tables_of(files: list[str], vehicle: VehicleFile) -> list[Table]:
-    """Read logs, and show how far it is; raise RefusedError for one that tells nothing, OSError."""
-    size = sum(Path(file).stat().st_size for file in files)
+def tables_of(logs: list[str], vehicle: VehicleFile) -> list[Table]:
+    """Read logs; raise RefusedError for one that tells nothing, OSError."""
     tables = []
-    with shown("reading", everything=size > SHOWN_BYTES) as progress:
-        for number, file in enumerate(files):
-
-            def part(share: float, number: int = number) -> None:
-                progress((number + share) / len(files))
-
-            try:
-                tables.append(bounded(read, [Path(file)], Path(file), vehicle.vehicle.frame, progress=part))
-            except ValueError as error:
-                text = " ".join(str(error).split())
-                raise RefusedError(text if text.startswith(file) else f"{file}: {text}") from error
+    for log in logs:
+        try:
+            tables.append(bounded(read, [Path(log)], Path(log), vehicle.vehicle.frame))
+        except ValueError as error:
+            text = " ".join(str(error).split())
+            raise RefusedError(text if text.startswith(log) else f"{log}: {text}") from error
     return tables
 
 
-@contextmanager
-def shown(what: str, *, everything: bool) -> Iterator[Callable[[float], None]]:
-    """Give a function that shows a share of 1 as progress on stderr."""
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-        console=Console(file=sys.stderr),
-        transient=True,
-        disable=not everything or not sys.stderr.isatty(),
-    )
-    said = 0
+def conclude(
+    tables: Sequence[Table], base: VehicleFile, out: Path, excited: Sequence[int] | None = None
+) -> int:
+    """Fit a vehicle to tables, say what was found, and write it to `out`, with a picture beside.
 
-    def show(share: float) -> None:
-        nonlocal said
-        bar.update(task, completed=share)
-        if everything and not sys.stderr.isatty() and 4.0 * share >= said + 1:
-            said = int(4.0 * share)
-            sys.stderr.write(f"{what}: {share:.0%}\n")
+    `excited` are the axes that a manoeuvre moved, None for logs. Raises RefusedError where nothing moved.
+    """
+    tracks = [Track(table, base.vehicle.frame) for table in tables]
+    try:
+        found = fit.fit(tracks, base, excited)
+    except NoDiveError as error:
+        raise RefusedError(f"{', '.join(table.name for table in tables)}: {error}") from error
+    vehicle, notes = fit.vehicle(found, base)
+    lines = [*(line for table in tables for line in held(table)), *fit.reported(found, base)]
+    if not any(map(found.taken, range(len(AXES)))):
+        sys.stdout.write("\n".join([*lines, "no inertia is known well enough: nothing was written"]) + "\n")
+        return 1
+    thetas = [track.settled(parameters(vehicle)) for track in tracks]
+    for horizon, row in score(tracks, thetas).items():
+        quality = ", ".join(f"{axis} {row[axis]:.3f}" for axis in AXES if row[axis] is not None)
+        lines.append(f"{QUALITY} over {horizon} s, on these data: {quality}")
+    today = datetime.datetime.now(datetime.UTC).date()
+    about = [
+        f"Identified by `holdfast identify` on {today.isoformat()}. sd: standard deviation.",
+        "What was not identified is as it was before. config/vehicles/custom.toml explains every key.",
+        *lines,
+    ]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(vehicle_text(vehicle, about, notes), encoding="utf-8")
+    lines.append(f"written: {out}; use it with holdfast run --vehicle {out}")
+    try:
+        from lab.identify import picture
+    except ImportError:
+        lines.append(f"no picture: matplotlib is missing; {how_to_install('lab')}")
+    else:
+        picture.draw(tracks, thetas).savefig(out.with_suffix(".png"))
+        lines.append(f"written: {out.with_suffix('.png')}")
+    sys.stdout.write("\n".join(lines) + "\n")
+    return 0
 
-    with bar:
-        task = bar.add_task(what, total=1.0)
-        yield show
+
+def held(table: Table) -> list[str]:
+    """Say what a table can tell: how long it is, what was measured, and which axes were moved."""
+    length_s = float(table.t_s[-1] - table.t_s[0])
+    measured = [
+        words
+        for words, columns in (("speed over ground", (0, 1)), ("vertical speed", (2,)), ("turn rate", (5,)))
+        if np.isfinite(table.velocity[:, columns]).mean() > 0.1
+    ]
+    shares = zip(AXES, np.mean(np.abs(table.commands[:, :4]) > 0.08, axis=0), strict=True)
+    steered = [f"{axis} {share:.0%}" for axis, share in shares if share > 0.005]
+    name = Path(table.name).name
+    return [
+        f"{name}: {length_s:.0f} s; measured: {', '.join(measured) or 'attitude alone'}; "
+        f"steered: {', '.join(steered) or 'nothing'} of the time",
+        *(f"{name}: {note}" for note in table.notes),
+    ]

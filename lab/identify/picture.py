@@ -7,41 +7,34 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from companion.identify.model import BODY, HORIZONS_S, Track, moved
-from companion.records import AXES, Array
+from companion.records import AXES, PSI, Array, Z
 from lab import style
 
 SHOWN_S = 40.0
 """So much of the log in which most moves is drawn."""
 
 
-def draw(tracks: Sequence[Track], theta: Array) -> Figure:
+def draw(tracks: Sequence[Track], thetas: Sequence[Array]) -> Figure:
     """Draw the axes that moved: recorded, and as each moment 1 and 2 s before predicted it."""
-    track = max(tracks, key=lambda one: int(moved([one])[-1].sum()) * 1e6 + one.table.t_s.size)
-    axes = [i for i in range(4) if moved([track])[-1][i]] or [2]
-    begin_s = _liveliest(track, axes)
+    pairs = zip(tracks, thetas, strict=True)
+    track, theta = max(pairs, key=lambda one: (int(moved([one[0]])[-1].sum()), one[0].table.t_s.size))
+    t_s, axes = track.table.t_s, np.flatnonzero(moved([track])[-1]).tolist() or [Z]
+    begin_s, predicted = _liveliest(track, axes), track.predicted(theta)
     figure = Figure(figsize=(12.8, 1.0 + 2.3 * len(axes)), dpi=110, layout="constrained")
     panels = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
-    t_s = track.table.t_s
     for panel, axis in zip(panels, axes, strict=True):
         recorded = track.table.velocity[:, BODY[axis]]
         shown = (begin_s <= t_s) & (t_s <= begin_s + SHOWN_S)
         panel.plot(t_s[shown], recorded[shown], color=style.BLACK, linewidth=1.8, label="recorded")
-        predicted = track.predicted(track.settled(theta))
         for number, colour in enumerate((style.BLUE, style.VERMILLION)):
             horizon_s, whole = HORIZONS_S[number], np.isfinite(track.changes[:, number]).any(axis=1)
             first = track.first[whole]
-            ahead = recorded[first] + predicted[whole, number, axis]
-            at_s = t_s[first] + horizon_s
+            at_s, ahead = t_s[first] + horizon_s, recorded[first] + predicted[whole, number, axis]
             drawn = (begin_s <= at_s) & (at_s <= begin_s + SHOWN_S)
             gaps = np.where(np.diff(at_s[drawn], prepend=at_s[drawn][:1]) > 1.0, np.nan, 1.0)
-            panel.plot(
-                at_s[drawn],
-                ahead[drawn] * gaps,
-                color=colour,
-                linewidth=1.0,
-                label=f"predicted {horizon_s:g} s before",
-            )
-        unit = "rad/s" if axis == 3 else "m/s"
+            label = f"predicted {horizon_s:g} s before"
+            panel.plot(at_s[drawn], ahead[drawn] * gaps, color=colour, linewidth=1.0, label=label)
+        unit = "rad/s" if axis == PSI else "m/s"
         style.name(panel, f"{AXES[axis].capitalize()}: {Path(track.table.name).name}", unit)
         style.zero(panel)
         style.plain(panel)
@@ -53,8 +46,6 @@ def draw(tracks: Sequence[Track], theta: Array) -> Figure:
 def _liveliest(track: Track, axes: Sequence[int]) -> float:
     """Return where to begin: the stretch in which the axes move most, each by its own measure."""
     velocity = np.nan_to_num(track.table.velocity[:, [BODY[axis] for axis in axes]])
-    energy = np.concatenate(
-        ((0.0,), np.cumsum((velocity**2 / np.maximum(velocity.var(axis=0), 1e-9)).sum(axis=1)))
-    )
-    ends = np.searchsorted(track.table.t_s, track.table.t_s + SHOWN_S)
-    return float(track.table.t_s[int(np.argmax(energy[ends] - energy[:-1]))])
+    energy = np.cumsum((velocity**2 / np.maximum(velocity.var(axis=0), 1e-9)).sum(axis=1))
+    ends = np.searchsorted(track.table.t_s, track.table.t_s + SHOWN_S) - 1
+    return float(track.table.t_s[int(np.argmax(energy[ends] - energy))])

@@ -27,8 +27,6 @@ from lab.identify import spreadsheet
 from lab.identify.steering import DIRECT, MANUAL, UNKNOWN, latest
 from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
 
-Progress = Callable[[float], None]
-
 DATAFLASH: Final = b"\xa3\x95"
 DATAFLASH_STREAMS: Final[dict[str, list[tuple[str, tuple[str, ...], Callable[[Any], float]]]]] = {
     "ATT": [("attitude", ("Roll", "Pitch", "Yaw"), math.radians)],
@@ -49,8 +47,6 @@ MAX_TOPIC = 60
 MAX_TLOG_BYTES: Final = 1 << 31
 MAX_SILENCE_S: Final = 10.0
 """A longer silence of a .tlog, or a jump of its UTC, is shortened to this."""
-EVERY: Final = 4096
-"""So many samples between two reports of progress."""
 KINDS: Final = ".BIN, .tlog, .mcap, or a CSV with a column t_s"
 ROS_MAGIC: Final = (b"#ROSBAG", b"SQLite format 3")
 ROS: Final = "ROS bags are not read: docs/identify.md has a script that makes a CSV of one"
@@ -77,13 +73,13 @@ def kind_of(path: Path) -> str:
     raise NoDiveError(f"is no log that is known: {KINDS}{spreadsheet.quoted(head)}")
 
 
-def read(path: Path, frame: str, progress: Progress = lambda share: None) -> Table:
+def read(path: Path, frame: str) -> Table:
     """Read a log of any kind; `frame` says which motors serve which axis."""
     readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": spreadsheet.read, "telemetry": _tlog}
-    return readers[kind_of(path)](path, progress).table(str(path), frame)
+    return readers[kind_of(path)](path).table(str(path), frame)
 
 
-def _dataflash(path: Path, progress: Progress) -> Streams:
+def _dataflash(path: Path) -> Streams:
     """Read a .BIN by pymavlink."""
     from pymavlink.DFReader import DFReader_binary
 
@@ -91,7 +87,7 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
     reader = DFReader_binary.__new__(DFReader_binary)
     try:
         reader.__init__(str(path), zero_time_base=True)
-        return _dataflash_streams(reader, progress)
+        return _dataflash_streams(reader)
     finally:
         for opened in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
             if opened is not None:
@@ -99,15 +95,11 @@ def _dataflash(path: Path, progress: Progress) -> Streams:
                     opened.close()
 
 
-def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
+def _dataflash_streams(reader: Any) -> Streams:
     found: defaultdict[str, list[Sample]] = defaultdict(list)
     armed: list[tuple[float, float]] = []
     parameters: dict[str, float] = {}
-    number = 0
     while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
-        number += 1
-        if number % EVERY == 0:
-            progress(reader.percent / 100.0)
         kind = message.get_type()
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)
@@ -132,19 +124,16 @@ def _dataflash_streams(reader: Any, progress: Progress) -> Streams:
     return Streams(**found, motors=motors_of(outputs, parameters, is_armed), notes=notes)
 
 
-def _tlog(path: Path, progress: Progress) -> Streams:
+def _tlog(path: Path) -> Streams:
     """Read a ground station's log by pymavlink."""
     from pymavlink import mavutil
 
     if path.stat().st_size > MAX_TLOG_BYTES:
         raise NoDiveError(f"is larger than {MAX_TLOG_BYTES >> 20} MiB: cut it into parts")
     telemetry = Telemetry()
-    t_s, last_s, number = 0.0, None, 0
+    t_s, last_s = 0.0, None
     with contextlib.closing(mavutil.mavlogfile(str(path))) as file:
         while (message := file.recv_msg()) is not None:
-            number += 1
-            if number % EVERY == 0:
-                progress(file.percent / 100.0)
             if message.get_type() == "BAD_DATA":
                 telemetry.unread["pieces of broken data"] += 1
             elif message.get_type() in USED:
@@ -156,18 +145,15 @@ def _tlog(path: Path, progress: Progress) -> Streams:
     return telemetry.collected()
 
 
-def _mcap(path: Path, progress: Progress) -> Streams:
+def _mcap(path: Path) -> Streams:
     """Read our recorder's file, with raw ticks or without, or that of BlueOS.
 
     BlueOS keeps each message under its own name and again as mavlink/out: the first counts where it is there.
     """
     topics, out, samples = Telemetry(), Telemetry(), _Samples()
     decode, json = msgspec.msgpack.Decoder(Raw).decode, msgspec.json.Decoder().decode
-    reader, size = Reader(path), path.stat().st_size
     ours, unread = False, Counter[str]()
-    for number, item in enumerate(reader):
-        if number % EVERY == 0:
-            progress(min(reader.unpacked_bytes / 6 / size, 1.0))
+    for item in Reader(path):
         parts = item.key.split("/")
         try:
             if parts[0] == "holdfast" and parts[-1] == "raw":

@@ -8,7 +8,7 @@ be the decimal sign. Times are seconds, milliseconds, microseconds or nanosecond
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,8 +34,6 @@ MAX_ROWS: Final = 1_000_000
 MAX_BACKWARDS: Final = 0.01
 """Share of rows that may be out of order, as where two tables were joined."""
 MAX_LINE, MAX_QUOTED, MAX_BEFORE = 4096, 200, 100
-EVERY: Final = 4096
-"""So many rows between two reports of progress."""
 
 
 def header(head: bytes) -> str:
@@ -50,9 +48,9 @@ def quoted(head: bytes) -> str:
     return f"; it begins with: {line[:MAX_QUOTED]}" if line.isprintable() and "\ufffd" not in line else ""
 
 
-def read(path: Path, progress: Callable[[float], None]) -> Streams:
+def read(path: Path) -> Streams:
     """Read it; a row has commands or measurements, or both. Raises NoDiveError, OSError."""
-    streams, size, unread = Streams(), path.stat().st_size, Counter[str]()
+    streams, unread = Streams(), Counter[str]()
     with path.open("rb") as binary:
         declared = encoding(binary.read(4))
     with path.open(encoding=declared, errors="replace", newline="") as file:
@@ -71,8 +69,6 @@ def read(path: Path, progress: Callable[[float], None]) -> Streams:
             for number, cells in enumerate(rows):
                 if number > MAX_ROWS:
                     raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
-                if number % EVERY == 0:
-                    progress(min(number * 90 / size, 1.0))
                 t_s = _take(streams, dict(zip(names, cells, strict=False)), unread, comma=separator != ",")
                 before_s, backwards = t_s, backwards + (t_s < before_s)
         except csv.Error as error:

@@ -1,7 +1,7 @@
 """Run a vehicle through the full loop and measure it against the truth."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -159,6 +159,7 @@ def engaging(
     firmware: Path | None = None,
     *,
     surveyed: bool = False,
+    engine: Callable[..., Engine] = Engine,
 ) -> Iterator[Lockstep]:
     """Give a vehicle and its companion in virtual time; the companion is asked to engage.
 
@@ -167,7 +168,7 @@ def engaging(
     with vehicle_of(plant, seed, firmware, surveyed=surveyed) as vehicle:
         if surveyed:
             survey(vehicle)
-        loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), link, seed, config.loop.rate_hz)
+        loop = Lockstep(vehicle, engine(config, setpoint, arm=True), link, seed, config.loop.rate_hz)
         loop.requests = [Request.ENGAGE]
         yield loop
 

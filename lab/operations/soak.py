@@ -7,12 +7,13 @@ setpoint, engages again if the companion let go, and leaves.
 import argparse
 import asyncio
 import math
+import shlex
 import subprocess
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,15 +22,13 @@ from typing import Any, NamedTuple
 
 import aiohttp
 import numpy as np
-from rich.console import RenderableType
 
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
 from lab.operations.processes import HOLDFAST, running
-from lab.options import add_out, positive
+from lab.options import add_count, add_out
 from lab.ports import free_port
-from lab.study import Row, Study, ruled
-from lab.usage import Memory, memory_kb, slope
+from lab.study import Row, Study
 
 VEHICLE = "soak"
 STEERS = "ACTIVE"
@@ -51,7 +50,7 @@ class Minute(NamedTuple):
     """What a minute was like."""
 
     at_s: float
-    memory_kb: Mapping[str, Memory]
+    memory_kb: Mapping[str, float]
     lateness_ms: Sequence[float]
     """Of each tick."""
 
@@ -109,9 +108,7 @@ class Soak(Study[Duration]):
     def options(cls, parser: argparse.ArgumentParser) -> None:
         """Add --out and --minutes."""
         add_out(parser, "out/bench")
-        parser.add_argument(
-            "--minutes", type=positive, default=120, metavar="MIN", help="of the soak; default %(default)s"
-        )
+        add_count(parser, "--minutes", 120, "of the soak")
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.steps = arguments.minutes
@@ -135,21 +132,17 @@ class Soak(Study[Duration]):
             tracebacks = sum(text.count("Traceback") for text in said)
             yield {"error": error, "tracebacks": tracebacks, **figures(heard, minutes)}
 
-    def tables(self, rows: Sequence[Row]) -> Iterable[RenderableType]:
-        """Lay out the figures."""
-        for row in rows:
-            shown = ruled("The soak", "figure", "measured")
-            for name, value in row.items():
-                shown.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
-            yield shown
-
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a process ended or said Traceback, or a record was lost."""
         return any(row["error"] or row["tracebacks"] or row.get("records_lost") != 0 for row in rows)
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return every figure."""
-        return {"soak": rows}
+        shown = [
+            [name, f"{value:.4g}" if isinstance(value, float) else str(value)]
+            for name, value in rows[0].items()
+        ]
+        return {"columns": ["figure", "measured"], "rows": shown, "soak": rows}
 
 
 def _minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
@@ -168,23 +161,22 @@ def _minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
         while (at_s := time.monotonic() - begun_s) < seconds:
             heard.listen(seen, min(60.0, seconds - at_s))
             _check(children, logs)
-            memory = {name: memory_kb(child.pid) for name, child in children.items()}
+            memory = {name: allocated_kb(child.pid) for name, child in children.items()}
             yield Minute(time.monotonic() - begun_s, memory, heard.lateness_ms)
             count, heard.lateness_ms = count + 1, []
             _visit(endpoint, heard, DEPTHS_M[count % len(DEPTHS_M)])
 
 
 def figures(heard: Heard, minutes: Sequence[Minute]) -> Row:
-    """Return memory (MB, and its slope in kB/h with its standard error), lateness (ms), and counts."""
+    """Return memory (MB, and its slope in kB/h), lateness (ms), and counts."""
     if not minutes:
         return {}
     counted = [minute for minute in minutes if minute.at_s >= min(WARM_UP_S, 0.1 * minutes[-1].at_s)]
-    hours = [minute.at_s / 3600.0 for minute in counted]
-    found: Row = {}
-    for name, now in minutes[-1].memory_kb.items():
-        line = slope(hours, [minute.memory_kb[name].own for minute in counted])
-        found[f"{name}_memory_mb"] = now.share / 1024.0
-        found[f"{name}_slope_kb_h"], found[f"{name}_slope_error_kb_h"] = line
+    hours, found = [minute.at_s / 3600.0 for minute in counted], Row()
+    for name, now_kb in minutes[-1].memory_kb.items():
+        used = [minute.memory_kb[name] for minute in counted]
+        found[f"{name}_memory_mb"] = now_kb / 1024.0
+        found[f"{name}_slope_kb_h"] = float(np.polyfit(hours, used, 1)[0]) if len(hours) > 2 else math.nan
     late_ms = [ms for minute in minutes for ms in minute.lateness_ms] or [math.nan]
     p50, p99 = np.percentile(late_ms, [50, 99])
     found |= {"lateness_p50_ms": float(p50), "lateness_p99_ms": float(p99), "lateness_max_ms": max(late_ms)}
@@ -200,25 +192,27 @@ def figures(heard: Heard, minutes: Sequence[Minute]) -> Row:
     }
 
 
+def allocated_kb(pid: int) -> float:
+    """Return what a process allocated, whatever files it maps and shares: this grows with a leak."""
+    lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="utf-8").splitlines()
+    return sum(float(line.split()[1]) for line in lines if line.startswith(("Anonymous:", "Swap:")))
+
+
 def _start(stack: ExitStack, logs: Path, endpoint: str) -> dict[str, subprocess.Popen[str]]:
     link, port = f"127.0.0.1:{free_port(SOCK_DGRAM)}", free_port()
-    settings = (
-        f"vehicle.name={VEHICLE}",
-        f"link.endpoint=udp-listen:{link}",
-        f"telemetry.endpoint={endpoint}",
-    )
-    sea = ("--set=waves.enabled=true", "--set=current.enabled=true")
+    threading.Thread(target=asyncio.run, args=(_browse(port),), daemon=True).start()
+    run = f"--engage --arm --depth {DEPTHS_M[0]:g} --name {VEHICLE} --set=telemetry.endpoint={endpoint}"
+    sim = f"--udp-connect {link} --zenoh {endpoint} --name {VEHICLE} --set=waves.enabled=true"
     arguments = {
-        "run": ("--engage", "--arm", "--depth", str(DEPTHS_M[0]), *(f"--set={text}" for text in settings)),
-        "sim": ("--udp-connect", link, "--zenoh", endpoint, "--name", VEHICLE, *sea),
-        "dashboard": ("--connect", endpoint, "--listen", f"127.0.0.1:{port}"),
-        "record": ("--connect", endpoint, "--name", VEHICLE, "--out", str(logs / "dives")),
+        "run": f"{run} --set=link.endpoint=udp-listen:{link}",
+        "sim": f"{sim} --set=current.enabled=true",
+        "dashboard": f"--connect {endpoint} --listen 127.0.0.1:{port}",
+        "record": f"--connect {endpoint} --name {VEHICLE} --out {shlex.quote(str(logs / 'dives'))}",
     }
     children = {}
     for name, words in arguments.items():
         log = stack.enter_context((logs / f"{name}.log").open("wb"))
-        children[name] = stack.enter_context(running(*HOLDFAST, name, *words, errors=log))
-    threading.Thread(target=asyncio.run, args=(_browse(port),), daemon=True).start()
+        children[name] = stack.enter_context(running(*HOLDFAST, name, *shlex.split(words), errors=log))
     return children
 
 
@@ -235,16 +229,14 @@ def _last(logs: Path, name: str) -> str:
 
 def _visit(endpoint: str, heard: Heard, depth_m: float) -> None:
     """Come as a new client, say where to be and, if it let go, to engage; and leave."""
-    wishes: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
-    if heard.state == "FAULT":
-        wishes.append(("clear_fault", {}))
-    if heard.state != STEERS:
-        wishes.append(("engage", {}))
+    orders: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
+    orders += [("clear_fault", {})] if heard.state == "FAULT" else []
+    orders += [("engage", {})] if heard.state != STEERS else []
     with Subscription(f"holdfast/{VEHICLE}/event", endpoint) as client:
         until_s = time.monotonic() + 5.0
         while not client.connected and time.monotonic() < until_s:
             time.sleep(LOOK_S)
-        for command, what in wishes:
+        for command, what in orders:
             heard.not_done += not client.tell(VEHICLE, command, what).done
 
 

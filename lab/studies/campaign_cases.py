@@ -12,8 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.config import Config
-from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import DEPTH_M, Scenario, ensemble, hold, water
+from lab.loop.scenarios import DEPTH_M, ensemble, water
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
 
@@ -57,15 +56,15 @@ class CampaignCase(NamedTuple):
     current_deg: float
 
     @property
-    def dead_vertical(self) -> bool:
-        """Whether it is a vertical thruster that is dead."""
-        return self.dead > 4
+    def dead_motor(self) -> str:
+        """Which kind of thruster is dead: none, horizontal or vertical."""
+        return "vertical" if self.dead > 4 else "horizontal" if self.dead else "none"
 
     @property
     def inside(self) -> bool:
         """Whether the dive lies within ENVELOPE."""
         weak = ("calm", "current") if self.vehicle == BLUEROV2 else ("calm", "current", "tether")
-        if self.dead_vertical and self.disturbance not in weak:
+        if self.dead_motor == "vertical" and self.disturbance not in weak:
             return False
         return not (self.vehicle == BLUEROV2 and self.disturbance == "all")
 
@@ -142,16 +141,6 @@ def plant(case: CampaignCase) -> SimConfig:
         tether_n=(0.5 * case.tether_n, 0.5 * case.tether_n, case.tether_n),
         load_n=case.load_n,
     )
-
-
-def scenario(case: CampaignCase, duration_s: float) -> Scenario:
-    """Return the same dive for the full loop."""
-    return Scenario(f"campaign {case.number}", lambda _, __: plant(case), hold(), duration_s, case.number)
-
-
-def link(case: CampaignCase) -> LinkDelay:
-    """Return the dive's link for the full loop."""
-    return LinkDelay(up_s=0.5e-3 * case.delay_ms, down_s=0.5e-3 * case.delay_ms, jitter_s=0.004)
 
 
 def configured(config: Config, vehicle: str) -> Config:

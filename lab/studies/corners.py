@@ -1,29 +1,31 @@
-"""`holdfast lab campaign --corners`: whether vehicles of a third and three times the nominal gain oscillate.
+"""`holdfast lab bench corners`: whether vehicles of a third and three times the nominal gain oscillate.
 
-The corners of gain of all axes, thruster lag, delay, hidden delay and water, in the full loop. `limit_cycles`
-says what oscillates.
+The corners of gain of all axes, thruster lag, delay, hidden delay and water, in the full loop. A limit cycle
+is demand faster than SLOWEST_HZ whose RMS exceeds a share of the largest force and what the sea asks at these
+frequencies.
 """
 
 import argparse
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
-from rich.console import RenderableType
 
+from companion import assembly
 from companion.config import Config
 from companion.config import load_config as load_companion
-from companion.records import Setpoint, State
+from companion.core.allocation import T200_VOLTAGE_V, delivered
+from companion.records import Array, AxisCommand, Setpoint, State
 from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import LinkDelay, Step
 from lab.loop.scenarios import water
+from lab.options import add_out, add_settings
 from lab.studies.competitors import FIRST_SEED
-from lab.studies.limit_cycles import PLACES, TICK_S, WINDOW_S, found
-from lab.studies.reality import later
-from lab.study import Row, Study, ruled
+from lab.studies.vehicles import later
+from lab.study import Row, Study
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig, load_config
 
@@ -35,6 +37,9 @@ SETTLED_S, DURATION_S, ENGAGED_WITHIN_S = 60.0, 90.0, 10.0
 DEPTH_M, START_M = 2.5, 0.5
 LONGEST_S = 3.0
 """A limit cycle that lasts longer has not been ended."""
+PLACES = ("north", "east", "depth", "heading", "roll", "pitch")
+"""Of the demands."""
+SHARE, SLOWEST_HZ, WINDOW_S, SEA_COUNTS, TICK_S = 0.12, 0.4, 1.25, 1.5, 0.02
 
 
 class Cell(NamedTuple):
@@ -55,9 +60,8 @@ def corners() -> list[Cell]:
 
 def plant(base: SimConfig, cell: Cell, seed: int) -> SimConfig:
     """Return the vehicle of a cell: `base` with other thrusters, later sensors and its water."""
-    draw, rough, rest = np.random.default_rng((seed, 2)).uniform, cell.water == "waves", cell.gain
-    if cell.heave_alone:
-        rest = 1.0
+    draw, rough = np.random.default_rng((seed, 2)).uniform, cell.water == "waves"
+    rest = 1.0 if cell.heave_alone else cell.gain
     thrusters = replace(base.thrusters, axis_gain=(rest, rest, cell.gain, rest, rest, rest), lag_s=cell.lag_s)
     return water(
         later(replace(base, thrusters=thrusters), 1e-3 * cell.hidden_ms),
@@ -84,8 +88,7 @@ def dive(cell: Cell, config: Config, base: SimConfig, seed: int, duration_s: flo
     if len(steps) < round(WINDOW_S / TICK_S):
         gave_up = gave_up or "too short"
     else:
-        gains = np.array([1.0, 1.0, cell.gain, 1.0]) if cell.heave_alone else np.full(4, cell.gain)
-        cycles = found(steps, config, gains)
+        cycles = limit_cycles(steps, config, cell)
         settled = steps[round(SETTLED_S / TICK_S) :]
         depth_rms_mm = recorded(settled).figures()["depth_rms_mm"] if settled else math.nan
     held = not gave_up and max(cycles) < LONGEST_S
@@ -106,19 +109,66 @@ def _engaged(dived: Iterator[Step], duration_s: float) -> tuple[list[Step], str]
     return steps, "engaged too late" if steps else "not engaged"
 
 
+def limit_cycles(steps: Sequence[Step], config: Config, cell: Cell) -> list[float]:
+    """Return the longest limit cycle of each of PLACES, s."""
+    rest = 1.0 if cell.heave_alone else cell.gain
+    thrusters, most = assembly.thrusters(config), config.levelling.max_axis
+    tilts = delivered(thrusters, AxisCommand(roll=most, pitch=most), T200_VOLTAGE_V)[4:]
+    largest = np.array([axis.max_force for axis in config.axes] + [*tilts])
+    samples = [step.sample for step in steps]
+    demand = np.array(
+        [(*now.dofs.tau, *delivered(thrusters, now.command, now.state.voltage_v)[4:]) for now in samples]
+    )
+    sea = np.array([step.truth.disturbance for step in steps])[:, [0, 1, 2, 5]] / (
+        rest,
+        rest,
+        cell.gain,
+        rest,
+    )
+    sea = np.hstack([sea, np.zeros((len(steps), 2))])
+    longest: list[float] = cycles_s(np.clip(demand, -largest, largest), largest, sea).tolist()
+    return longest
+
+
+def cycles_s(demand: Array, largest: Array, sea: Array) -> Array:
+    """Return the longest limit cycle (s) of each column of `demand` (ticks, n), N or N·m.
+
+    `sea` (ticks, n) is what the water's doings ask for.
+    """
+    beyond = _moving_rms(demand) > SHARE * largest + SEA_COUNTS * _moving_rms(sea)
+    longest = []
+    for column in beyond.T:
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], column.astype(int), [0]))))
+        longest.append(TICK_S * max(edges[1::2] - edges[::2], default=0))
+    return np.array(longest)
+
+
+def _moving_rms(signal: Array) -> Array:
+    """Return the RMS over WINDOW_S of what of each column is faster than SLOWEST_HZ."""
+    hz = np.fft.rfftfreq(len(signal), TICK_S)
+    keep = np.clip((hz / SLOWEST_HZ - 0.9) / 0.2, 0.0, 1.0)
+    fast = np.fft.irfft(keep[:, None] * np.fft.rfft(signal, axis=0), len(signal), axis=0)
+    window = np.full(round(WINDOW_S / TICK_S), TICK_S / WINDOW_S)
+    power: Array = np.array([np.convolve(column, window, "valid") for column in (fast**2).T]).T
+    return np.sqrt(power)
+
+
 class Corners(Study[Cell]):
     """Every corner, one dive each."""
 
-    command = "lab campaign corners"
-    about = "Dives vehicles of a third and three times the nominal gain, and lists limit cycles."
+    command = "lab bench corners"
+    about = (
+        "Dives 32 vehicles of a third and three times the nominal gain, with lags and delays, in the full "
+        "loop, and lists limit cycles. Exit status 1 if one oscillates for 3 s or is given up."
+    )
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add none: `holdfast lab campaign` has them."""
+        add_settings(parser)
+        add_out(parser, "out/bench")
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self._config = load_companion(overrides=arguments.set)
-        self._base = load_config(DEFAULT_CONFIG)
+        self._config, self._base = load_companion(overrides=arguments.set), load_config(DEFAULT_CONFIG)
 
     def cases(self) -> Sequence[Cell]:
         return corners()
@@ -126,19 +176,19 @@ class Corners(Study[Cell]):
     def dive(self, cases: Sequence[Cell]) -> Iterable[Row]:
         return [dive(cell, self._config, self._base, FIRST_SEED) for cell in cases]
 
-    def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return what was not held, and how many were."""
-        table = ruled(
-            f"Not held: a limit cycle of {LONGEST_S:g} s, or given up",
-            "gain", "lag, s", "delay + hidden, ms", "water", "of", "given up", "cycle, s", left=4,
-        )  # fmt: skip
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return what was not held, and its longest limit cycle."""
+        lines = []
         for row in (row for row in rows if not row["held"]):
             cycle_s, place = max((row[f"cycle_{place}_s"], place) for place in PLACES)
-            delay = f"{row['delay_ms']:.0f} + {row['hidden_ms']:.0f}"
-            vehicle = f"{row['gain']:.2f}", f"{row['lag_s']:g}", delay, row["water"]
-            table.add_row(*vehicle, place, row["gave_up"], f"{cycle_s:.1f}")
-        yield table
-        yield f"{sum(row['held'] for row in rows)} of {len(rows)} held."
+            delays = f"{row['delay_ms']:.0f} + {row['hidden_ms']:.0f}"
+            vehicle = f"{row['gain']:.2f}", f"{row['lag_s']:g}", delays, row["water"]
+            lines.append([*vehicle, place, row["gave_up"], f"{cycle_s:.1f}"])
+        columns = ["gain", "lag, s", "delay + hidden, ms", "water", "of", "given up", "cycle, s"]
+        return {
+            "columns": [f"{len(lines)} of {len(rows)} not held: {columns[0]}", *columns[1:]],
+            "rows": lines,
+        }
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a corner was not held."""

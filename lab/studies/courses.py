@@ -1,12 +1,12 @@
 """The courses of `holdfast lab bench position`: places and paths in a current, in the full loop, with a DVL.
 
-The PID steers surge and sway in Holdfast's place, between the same estimator and the same allocation; ArduSub
-itself, with --firmware, holds a place in POSHOLD and follows a path in GUIDED. All have the same water. An
-error is true − reference, at the same time; that of the position estimate (a DVL drifts) is part of it and is
-told beside it. POSHOLD is told no place: its reference is the mean of where it was, which favours it.
+The P-PI (a PID with P = m (k_v k_p + k_i), I = m k_i k_p, D = m k_v) steers surge and sway with Holdfast's
+estimator and allocation; ArduSub itself, with --firmware, holds a place in POSHOLD and follows a path in
+GUIDED. An error is true − reference, at the same time, and includes that of the position estimate, as a DVL
+drifts. POSHOLD is told no place: its reference is the mean of where it was, which favours it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,11 +24,10 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import ensemble, water
 from lab.rivals import poshold
 from lab.rivals.alt_hold import TICK_S
-from lab.studies.competitors import DEFAULT, Competitor
+from lab.studies.competitors import COMPETITORS, DEFAULT, Competitor, tuned
 from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 
-TUNED_FILE = Path(__file__).with_name("courses.toml")
 DEPTH_M = 2.0
 START_S, LASTS_S = 25.0, 60.0
 """From boot: arming, and back to the place from which the current carried it; then the course."""
@@ -41,7 +40,6 @@ SETTLES_S = 10.0
 class Course:
     """A place held or a path followed for LASTS_S in a current; `dead` is a motor that dies at START_S."""
 
-    name: str
     title: str
     current_m_s: float
     plan: PathPlan | None = None
@@ -71,33 +69,28 @@ def _path(**keys: object) -> PathPlan:
 
 _EIGHT = _path(lemniscate=Lemniscate(length_m=4.0, width_m=2.0, depth_m=DEPTH_M), speed_mps=0.22)
 _CIRCLE = _path(circle=Circle(radius_m=1.5, x_m=-1.5, depth_m=DEPTH_M), speed_mps=0.3)
-COURSES = (
-    Course("station", "place, 0.5 m/s turning by 180°, waves, tether", 0.5, turn_deg_s=3.0, rough=True),
-    Course("lemniscate", "lemniscate 4 × 2 m in 60 s, 0.3 m/s", 0.3, _EIGHT),
-    Course("circle", "circle of 1.5 m at 0.3 m/s, 0.3 m/s", 0.3, _CIRCLE),
-    Course("thruster", "place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
-)
-
-_AUTOPILOT = {"PSC_POSXY_P": 1.0, "PSC_VELXY_P": 2.0, "PSC_VELXY_I": 1.0, "PSC_VELXY_FLTE": 5.0}
-_PID = {"laws.ppi.k_p": 1.5, "laws.ppi.k_v": 4.0, "laws.ppi.k_i": 2.0}
-_PID_AXIS = ("law='ppi'", "compensator='none'", "disturbance_noise=5.0")
-_PID_STEERS = (
-    "laws.ppi.module='lab.rivals.ppi'",
-    *(f"{axis}.{key}" for axis in ("surge", "sway") for key in _PID_AXIS),
-)
-ROWS = (
-    Competitor(DEFAULT, "Holdfast", "companion", {}),
-    Competitor("pid", "PID", "companion", _PID, _PID_STEERS),
-    Competitor("poshold_stock", "ArduSub, stock", "autopilot", {}),
-    Competitor("poshold", "ArduSub, tuned", "autopilot", _AUTOPILOT),
-)
-"""A P-PI is a PID with P = m (k_v k_p + k_i), I = m k_i k_p, D = m k_v."""
+COURSES = {
+    "station": Course("place, 0.5 m/s turning by 180°, waves, tether", 0.5, turn_deg_s=3.0, rough=True),
+    "lemniscate": Course("lemniscate 4 × 2 m in 60 s, 0.3 m/s", 0.3, _EIGHT),
+    "circle": Course("circle of 1.5 m at 0.3 m/s, 0.3 m/s", 0.3, _CIRCLE),
+    "thruster": Course("place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
+}
+ROWS = {
+    DEFAULT: COMPETITORS[DEFAULT],
+    "ppi": COMPETITORS["ppi"],
+    "poshold_stock": Competitor("ArduSub, stock", autopilot={}),
+    "poshold": Competitor(
+        "ArduSub, tuned",
+        autopilot={
+            **{"PSC_POSXY_P": 1.474, "PSC_VELXY_P": 0.7133, "PSC_VELXY_I": 2.185, "PSC_VELXY_FLTE": 3.555}
+        },
+    ),  # 60 evaluations on station and circle with the stand-in's POSHOLD of then: 348.8 to 175.9 mm
+}
 
 
 def sail(
-    row: Competitor,
+    name: str,
     course: Course,
-    values: Mapping[str, float],
     base: SimConfig,
     seed: int,
     *,
@@ -109,8 +102,10 @@ def sail(
 
     The real `firmware` takes the place of our stand-in.
     """
-    config, plant = load_config(overrides=[*settings, *row.overrides(values)]), course.plant(base, seed)
-    if row.steers == "companion":
+    row, config, plant = ROWS[name], load_config(overrides=settings), course.plant(base, seed)
+    if row.autopilot is None:
+        found = row.overrides(config, tuned().get(name, {}), place=True)
+        config = load_config(overrides=[*settings, *found])
         here = Setpoint((0.0, 0.0, DEPTH_M, 0.0))
         with engaging(config, plant, here, seed, firmware=firmware, surveyed=True) as loop:
             for _ in loop.run(START_S):
@@ -118,7 +113,7 @@ def sail(
             if course.plan is not None:
                 loop.engine.guide(build(course.plan, limits(config)))
             return recorded(list(loop.run(lasts_s)))
-    plant = replace(plant, parameters=plant.parameters | dict(values))
+    plant = replace(plant, parameters=plant.parameters | dict(row.autopilot))
     path = None if course.plan is None else _timed(course.plan, config)
     with vehicle_of(plant, seed, firmware) as vehicle:
         survey(vehicle)
@@ -129,10 +124,8 @@ def sail(
 
 def _timed(plan: PathPlan, config: Config) -> Callable[[float], Setpoint]:
     """Return where a path at its full pace is at a time from boot; it begins at START_S."""
-    start = (0.0, 0.0, DEPTH_M, 0.0)
-    course = guidance_course.Course(
-        limits(config), plan.speed_mps, plan.acceleration_mps2, path=build(plan, limits(config))
-    )
+    start, most = (0.0, 0.0, DEPTH_M, 0.0), limits(config)
+    course = guidance_course.Course(most, plan.speed_mps, plan.acceleration_mps2, path=build(plan, most))
     course.begin(start)
     passed = [Setpoint(start)]
 

@@ -5,23 +5,23 @@ noise, so that differences are taken dive by dive. No search ever sees the seeds
 """
 
 import argparse
-import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from companion.config import load_config
+from companion.records import Array
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from lab.options import add_bench, seeds_of
 from lab.rivals import alt_hold
-from lab.studies.competitors import DEFAULT, FIRST_SEED, competitors, selected, tuned, values_of
+from lab.studies.competitors import DEFAULT, FIRST_SEED, competitors, selected, tuned
 from lab.studies.picture import dots
+from lab.studies.statistics import interval
 from lab.study import Row, Study, by, known
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -31,18 +31,10 @@ LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}
 """By the delay that is added, ms: half of it each way, from the start, and not configured anywhere."""
 
 HELD_FROM_S = 5.0
-CONFIDENCE = 0.95
+SIMULATOR, FIRMWARE = "simulator", "firmware"
 FIGURES = (
-    "place_rms_mm",
-    "depth_rms_mm",
-    "depth_mean_mm",
-    "depth_sd_mm",
-    "depth_peak_mm",
-    "heading_rms_deg",
-    "heading_sd_deg",
-    "thrust_rms_n",
-    "chatter_n",
-    "recovery_s",
+    *("place_rms_mm", "depth_rms_mm", "depth_mean_mm", "depth_sd_mm", "depth_peak_mm"),
+    *("heading_rms_deg", "heading_sd_deg", "thrust_rms_n", "chatter_n", "recovery_s"),
 )
 """Of `Dive.figures`."""
 
@@ -50,6 +42,7 @@ FIGURES = (
 class BenchDive(NamedTuple):
     """One dive of one competitor."""
 
+    vehicle: str
     row: str
     scenario: str
     delay_ms: int
@@ -75,122 +68,92 @@ class Dives(Study[BenchDive]):
         add_bench(parser, "default law ppi", ", ".join(SCENARIOS))
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        config = load_config(overrides=arguments.set)
-        every = self.default_rows or [row.name for row in competitors(config)]
-        self._rows = {row.name: row for row in selected(arguments.rows or every, config)}
+        config, found = load_config(overrides=arguments.set), tuned()
+        every = self.default_rows or [*competitors(config)]
+        self.rows = selected(arguments.rows or every, config)
         known(arguments.scenarios or (), SCENARIOS, "scenario")
-        self._scenarios = [name for name in SCENARIOS if name in (arguments.scenarios or SCENARIOS)]
+        self.scenarios = [name for name in SCENARIOS if name in (arguments.scenarios or SCENARIOS)]
         self._seeds = range(FIRST_SEED, FIRST_SEED + seeds_of(arguments))
-        found = tuned()
-        self._values = {name: values_of(row, found) for name, row in self._rows.items()}
         self._configs = {
-            name: load_config(overrides=[*arguments.set, *row.overrides(self._values[name])])
-            for name, row in self._rows.items()
+            name: load_config(
+                overrides=[*arguments.set, *row.overrides(config, found.get(name, {}), place=False)]
+            )
+            for name, row in self.rows.items()
         }
         self._firmware: Path | None = arguments.firmware
+        self.vehicles: tuple[str, ...] = (FIRMWARE if self._firmware else SIMULATOR,)
         self._plant = load_plant(DEFAULT_CONFIG)
-        self.titles = {row.name: row.title for row in competitors(config)}
+        self._titles = {name: row.title for name, row in competitors(config).items()}
 
     def cases(self) -> Sequence[BenchDive]:
-        same = product(self._scenarios, self.delays, self._seeds)
-        return [BenchDive(row, *case) for case in same for row in self._rows]
+        same = product(self.scenarios, self.delays, self._seeds)
+        return [BenchDive(on, row, *case) for case in same for row in self.rows for on in self.vehicles]
 
     def dive(self, cases: Sequence[BenchDive]) -> Iterator[Row]:
-        return (self.dived(case, self._firmware) for case in cases)
+        """Return the figures of each dive; `held` unless the supervisor gave up."""
+        for case in cases:
+            firmware = self._firmware if case.vehicle == FIRMWARE else None
+            scenario, link = four(case.seed)[SCENARIOS.index(case.scenario)], LINKS[case.delay_ms]
+            parameters = self.rows[case.row].autopilot
+            if parameters is not None:
+                found = alt_hold.dive(scenario, self._plant, link, dict(parameters), firmware)
+            else:
+                found = dive(scenario, self._configs[case.row], self._plant, link, firmware)
+            figures, held = found.figures(), bool(found.active[found.t_s > HELD_FROM_S].all())
+            yield {"held": held} | {key: figures[key] for key in FIGURES}
 
-    def dived(self, case: BenchDive, firmware: Path | None) -> Row:
-        """Return the figures of a dive; `held` unless the supervisor gave up."""
-        scenario, link = four(case.seed)[SCENARIOS.index(case.scenario)], LINKS[case.delay_ms]
-        if self._rows[case.row].steers == "autopilot":
-            found = alt_hold.dive(scenario, self._plant, link, self._values[case.row], firmware)
-        else:
-            found = dive(scenario, self._configs[case.row], self._plant, link, firmware)
-        figures = found.figures()
-        held = bool(found.active[found.t_s > HELD_FROM_S].all())
-        return {"held": held} | {key: figures[key] for key in FIGURES}
+    def by_title(self, rows: Sequence[Row]) -> Iterator[tuple[str, str, Sequence[Row]]]:
+        """Give name, title and dives of each competitor, Holdfast first."""
+        for (name,), mine in sorted(by(rows, "row").items(), key=lambda row: row[0] != (DEFAULT,)):
+            yield name, self._titles[name], mine
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md: depth RMS at each delay, and less that of the default."""
         ours, lines = by_vehicle(rows, DEFAULT), []
-        for (name,), mine in sorted(by(rows, "row").items(), key=lambda row: row[0] != (DEFAULT,)):
+        for name, title, mine in self.by_title(rows):
             cells = [
-                "/".join(map(_depth, by(of_it, "delay_ms").values()))
-                for of_it in by(mine, "scenario").values()
+                "/".join(
+                    _mean(dives, "depth_rms_mm") + lost(dives) for dives in by(some, "delay_ms").values()
+                )
+                for some in by(mine, "scenario").values()
             ]
             difference = "–"
             if name != DEFAULT and len(ours):
-                apart = by_vehicle(rows, name) - ours
-                difference = f"{apart.mean():+.2f}"
-                if len(apart) > 1:
-                    difference += f"±{interval(apart)[1] - apart.mean():.2f}"
-            lines.append([self.titles[name], *cells, difference, _mean(mine, "chatter_n")])
+                apart, half = interval(by_vehicle(rows, name) - ours)
+                difference = f"{apart:+.2f}" + (f"±{half:.2f}" if np.isfinite(half) else "")
+            lines.append([title, *cells, difference, _mean(mine, "chatter_n")])
         delays = "/".join(_delay(delay_ms) for (delay_ms,) in by(rows, "delay_ms"))
         scenarios = [name for (name,) in by(rows, "scenario")]
-        return {
-            "columns": [f"depth RMS, mm ({delays})", *scenarios, "less Holdfast's, mm", "chatter, N"],
-            "rows": lines,
-        }
+        columns = [f"depth RMS, mm ({delays})", *scenarios, "less Holdfast's, mm", "chatter, N"]
+        return {"columns": columns, "rows": lines}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw every scenario: depth error and chatter of each competitor."""
         columns = {"depth_rms_mm": "depth error, RMS (mm)", "chatter_n": "command's change, RMS (N a tick)"}
-        return [
-            dots(
-                folder / f"{scenario}.png",
-                {
-                    f"{self.titles[name]}, {_delay(delay_ms)}": some
-                    for (name, delay_ms), some in by(of_it, "row", "delay_ms").items()
-                },
-                columns,
-                lost=lambda row: not row["held"],
-            )
-            for (scenario,), of_it in by(rows, "scenario").items()
-        ]
+        files = []
+        for (scenario,), of_it in by(rows, "scenario").items():
+            groups = {
+                f"{self._titles[name]}, {_delay(delay_ms)}": some
+                for (name, delay_ms), some in by(of_it, "row", "delay_ms").items()
+            }
+            file = folder / f"{scenario}.png"
+            files.append(dots(file, groups, columns, lost=lambda row: not row["held"]))
+        return files
 
 
-def by_vehicle(rows: Sequence[Row], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def by_vehicle(rows: Sequence[Row], name: str) -> Array:
     """Return a row's mean depth RMS with each vehicle."""
     mine = by([row for row in rows if row["row"] == name], "seed")
     return np.array([np.mean([dive["depth_rms_mm"] for dive in dives]) for dives in mine.values()])
-
-
-def interval(
-    differences: Sequence[float] | np.ndarray[tuple[int], np.dtype[np.float64]],
-) -> tuple[float, float]:
-    """Return the confidence interval of the mean of paired differences, Student's; NaN for fewer than two."""
-    n = len(differences)
-    if n < 2:
-        return math.nan, math.nan
-    half = student(n - 1) * float(np.std(differences, ddof=1)) / math.sqrt(n)
-    return float(np.mean(differences)) - half, float(np.mean(differences)) + half
-
-
-def student(freedom: int, confidence: float = CONFIDENCE) -> float:
-    """Return Student's two-sided quantile: exact for 1 and 2 degrees of freedom, else Cornish-Fisher, 0.5 %.
-
-    (Abramowitz and Stegun, 26.7.5.)
-    """
-    p = 0.5 + 0.5 * confidence
-    if freedom == 1:
-        return math.tan(math.pi * (p - 0.5))
-    if freedom == 2:
-        return (2.0 * p - 1.0) * math.sqrt(2.0 / (4.0 * p * (1.0 - p)))
-    z, n = NormalDist().inv_cdf(p), float(freedom)
-    terms = (
-        (z**3 + z) / 4.0,
-        (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0,
-        (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / 384.0,
-        (79.0 * z**9 + 776.0 * z**7 + 1482.0 * z**5 - 1920.0 * z**3 - 945.0 * z) / 92160.0,
-    )
-    return z + sum(term / n**i for i, term in enumerate(terms, 1))
 
 
 def _mean(rows: Sequence[Row], key: str) -> str:
     return f"{np.mean([row[key] for row in rows]):.1f}"
 
 
-def _depth(rows: Sequence[Row]) -> str:
-    return _mean(rows, "depth_rms_mm") + "†" * sum(not row["held"] for row in rows)
+def lost(rows: Sequence[Row]) -> str:
+    """Return a † for each dive that was given up."""
+    return "†" * sum(not row["held"] for row in rows)
 
 
 def _delay(delay_ms: int) -> str:

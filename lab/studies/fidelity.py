@@ -1,33 +1,22 @@
 """`holdfast lab bench firmware`: our simulator beside the real firmware with the same plants and seeds."""
 
 import argparse
-from collections.abc import Iterator, Sequence
-from itertools import product
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from lab.studies.competitors import DEFAULT
-from lab.studies.dives import BenchDive, Dives
+from lab.studies.dives import FIRMWARE, SIMULATOR, Dives, lost
 from lab.study import Row, by
 
 ALIKE = 0.15
 """The share by which a standard deviation may differ between the two."""
 
 
-class FirmwareDive(NamedTuple):
-    """A dive of the bench with the `simulator` or the `firmware`."""
-
-    vehicle: str
-    row: str
-    scenario: str
-    delay_ms: int
-    seed: int
-
-
 class Fidelity(Dives):
-    """Every dive twice, without added delay."""
+    """Every dive twice, without added delay: our simulator beside the real firmware."""
 
     command = "lab bench firmware"
     about = (
@@ -35,6 +24,7 @@ class Fidelity(Dives):
         f"An asterisk: the standard deviations differ by more than {ALIKE:.0%}."
     ).replace("%", "%%")
     default_rows = ("alt_hold_stock", "alt_hold", DEFAULT)
+    delays = (0,)
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
@@ -42,18 +32,9 @@ class Fidelity(Dives):
         super().options(parser)
         parser.set_defaults(firmware="")
 
-    def cases(self) -> Sequence[Any]:
-        """Return the dives of our simulator, then those of the firmware."""
-        vehicles = ("simulator", "firmware")
-        return [
-            FirmwareDive(*case) for case in product(vehicles, self._rows, self._scenarios, (0,), self._seeds)
-        ]
-
-    def dive(self, cases: Sequence[Any]) -> Iterator[Row]:
-        """Dive with the vehicle that each case names."""
-        for case in cases:
-            firmware = self._firmware if case.vehicle == "firmware" else None
-            yield self.dived(BenchDive(*case[1:]), firmware)
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        super().__init__(arguments)
+        self.vehicles = (SIMULATOR, FIRMWARE)
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         """Draw nothing."""
@@ -62,15 +43,15 @@ class Fidelity(Dives):
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return deviations with the firmware, in brackets with ours; † is a dive that was given up."""
         lines = [
-            [self.titles[name], *(_both(some) for some in by(mine, "scenario").values())]
-            for (name,), mine in sorted(by(rows, "row").items(), key=lambda row: row[0] != (DEFAULT,))
+            [title, *(_both(some) for some in by(mine, "scenario").values())]
+            for _, title, mine in self.by_title(rows)
         ]
-        return {"columns": ["depth SD, mm: real ArduSub (our simulator)", *self._scenarios], "rows": lines}
+        return {"columns": ["depth SD, mm: real ArduSub (our simulator)", *self.scenarios], "rows": lines}
 
 
 def _both(rows: Sequence[Row]) -> str:
-    ours, theirs = (some for _, some in sorted(by(rows, "vehicle").items(), reverse=True))
-    ours_mm, theirs_mm = (float(np.mean([row["depth_sd_mm"] for row in some])) for some in (ours, theirs))
+    some = by(rows, "vehicle")
+    ours, theirs = some[SIMULATOR,], some[FIRMWARE,]
+    ours_mm, theirs_mm = (float(np.mean([row["depth_sd_mm"] for row in each])) for each in (ours, theirs))
     unlike = "*" * (abs(theirs_mm / ours_mm - 1.0) > ALIKE)
-    lost = "†" * sum(not row["held"] for row in theirs)
-    return f"{theirs_mm:.1f}{lost} ({ours_mm:.1f}){unlike}"
+    return f"{theirs_mm:.1f}{lost(theirs)} ({ours_mm:.1f}){unlike}"

@@ -14,31 +14,20 @@ from companion.config import load_config
 from holdfast import RefusedError
 from lab.options import add_bench, seeds_of
 from lab.rivals.alt_hold import TICK_S
-from lab.studies.competitors import DEFAULT, FIRST_SEED, tuned, values_of
-from lab.studies.courses import COURSES, ROWS, SETTLES_S, TUNED_FILE, sail
+from lab.studies.competitors import DEFAULT, FIRST_SEED
+from lab.studies.courses import COURSES, ROWS, SETTLES_S, sail
 from lab.study import Row, Study, by, known
 from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SMALL, VERMILLION, save
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
-FIGURES = {
-    "place_rms_mm": ("place RMS\nmm", ".0f"),
-    "place_peak_mm": ("peak, most\nmm", ".0f"),
-    "believed_rms_mm": ("as believed\nmm", ".0f"),
-    "depth_rms_mm": ("depth RMS\nmm", ".1f"),
-    "heading_rms_deg": ("heading RMS\n°", ".2f"),
-    "tilt_deg": ("tilt, most\n°", ".1f"),
-    "saturated_percent": ("saturated\n%", ".0f"),
-    "place_chatter_n": ("chatter\nN/tick", ".2f"),
-}
-"""Of `Dive.figures`, each with its column."""
-
-LOOKS = {
-    DEFAULT: (BLUE, "-"),
-    "pid": (VERMILLION, "-."),
-    "poshold": (GREEN, "--"),
-    "poshold_stock": (ORANGE, ":"),
-}
+FIGURES = (
+    *("place_rms_mm", "place_peak_mm", "believed_rms_mm", "depth_rms_mm", "heading_rms_deg"),
+    *("tilt_deg", "saturated_percent", "place_chatter_n"),
+)
+"""Of `Dive.figures`."""
+LOOKS = {DEFAULT: (BLUE, "-"), "ppi": (VERMILLION, "-."), "poshold": (GREEN, "--")}
+LOOKS["poshold_stock"] = (ORANGE, ":")
 SEEN_EVERY = 5
 WITH_FIRMWARE = (
     "our simulator has no POSHOLD and GUIDED; use the real ArduSub: --firmware PATH (docs/sitl.md)"
@@ -58,66 +47,57 @@ class Courses(Study[CourseDive]):
 
     command = "lab bench position"
     about = (
-        "Holds a place and follows paths in a current, with a DVL, beside a PID and, with --firmware, "
+        "Holds a place and follows paths in a current, with a DVL, beside a P-PI and, with --firmware, "
         "ArduSub's POSHOLD and GUIDED. "
         "Exit status 1 if the supervisor gave up a dive."
     )
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        add_bench(parser, "default pid", "station, lemniscate, circle, thruster")
+        add_bench(parser, "default ppi", ", ".join(COURSES))
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         load_config(overrides=arguments.set)
-        known(arguments.rows or (), [row.name for row in ROWS], "row")
-        known(arguments.scenarios or (), [course.name for course in COURSES], "scenario")
-        self._rows = {row.name: row for row in ROWS if row.name in (arguments.rows or row.name)}
-        if arguments.firmware is None:
-            for name in [name for name, row in self._rows.items() if row.steers == "autopilot"]:
-                if arguments.rows:
-                    raise RefusedError(f"row {name}: {WITH_FIRMWARE}")
-                del self._rows[name]
-        self._courses = {
-            kind.name: kind for kind in COURSES if not arguments.scenarios or kind.name in arguments.scenarios
-        }
-        self._seeds = seeds_of(arguments)
-        self._settings: list[str] = arguments.set
         self._firmware: Path | None = arguments.firmware
-        self._base, self._tuned = load_plant(DEFAULT_CONFIG), tuned(TUNED_FILE)
+        alone = [name for name, row in ROWS.items() if row.autopilot is None]
+        self._rows: Sequence[str] = arguments.rows or (alone if self._firmware is None else [*ROWS])
+        self._courses: Sequence[str] = arguments.scenarios or [*COURSES]
+        known(self._rows, ROWS, "row")
+        known(self._courses, COURSES, "scenario")
+        if self._firmware is None and (refused := set(self._rows).difference(alone)):
+            raise RefusedError(f"row {min(refused)}: {WITH_FIRMWARE}")
+        self._seeds = range(FIRST_SEED, FIRST_SEED + seeds_of(arguments))
+        self._settings: list[str] = arguments.set
+        self._base = load_plant(DEFAULT_CONFIG)
 
     def cases(self) -> Sequence[CourseDive]:
-        seeds = range(FIRST_SEED, FIRST_SEED + self._seeds)
         return [
-            CourseDive(row, course, seed) for course, row, seed in product(self._courses, self._rows, seeds)
+            CourseDive(row, course, seed)
+            for course, row, seed in product(self._courses, self._rows, self._seeds)
         ]
 
     def dive(self, cases: Sequence[CourseDive]) -> Iterator[Row]:
         """Dive courses; the first vehicle's way serves the picture."""
         for case in cases:
-            row, course = self._rows[case.row], self._courses[case.course]
-            values = values_of(row, self._tuned)
-            dived = sail(
-                row, course, values, self._base, case.seed, settings=self._settings, firmware=self._firmware
-            )
+            course, more = COURSES[case.course], {"settings": self._settings, "firmware": self._firmware}
+            dived = sail(case.row, course, self._base, case.seed, **more)  # type: ignore[arg-type]
             figures = dived.part(slice(round(SETTLES_S / TICK_S) if course.dead else 0, None)).figures()
-            seen = {"true": dived.truth, "reference": dived.reference}
-            trace = {name: line[::SEEN_EVERY, :2].round(3).tolist() for name, line in seen.items()}
-            yield (
-                {"held": dived.held}
-                | {key: figures[key] for key in FIGURES}
-                | ({"trace": trace} if case.seed == FIRST_SEED else {})
-            )
+            row: Row = {"held": dived.held} | {key: figures[key] for key in FIGURES}
+            if case.seed == FIRST_SEED:
+                seen = {"true": dived.truth, "reference": dived.reference}
+                row["trace"] = {name: line[::SEEN_EVERY, :2].round(3).tolist() for name, line in seen.items()}
+            yield row
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         """Return the table for docs/results.md: the mean RMS of the place."""
         lines = [
-            [self._rows[row].title]
+            [ROWS[name].title]
             + [
                 f"{np.mean([dive['place_rms_mm'] for dive in dives]):.0f}"
                 + "†" * sum(not dive["held"] for dive in dives)
                 for dives in by(mine, "course").values()
             ]
-            for (row,), mine in by(rows, "row").items()
+            for (name,), mine in by(rows, "row").items()
         ]
         return {"columns": ["place RMS, mm", *self._courses], "rows": lines}
 
@@ -134,7 +114,7 @@ class Courses(Study[CourseDive]):
                 for row in shown:
                     north, east = np.transpose(row["trace"]["true"])
                     colour, line = LOOKS[row["row"]]
-                    title = self._rows[row["row"]].title
+                    title = ROWS[row["row"]].title
                     panel.plot(east, north, color=colour, linestyle=line, linewidth=1.0, label=title)
                 north, east = np.transpose(shown[0]["trace"]["reference"])
                 still = np.ptp(north) + np.ptp(east) < 0.1
@@ -143,7 +123,7 @@ class Courses(Study[CourseDive]):
                 panel.plot(east[:until], north[:until], color=BLACK, markersize=12, label="reference", **look)
                 panel.set_aspect("equal", adjustable="datalim")
                 panel.set_xlabel("east (m)")
-                panel.set_title(self._courses[name].title.replace(", ", ",\n", 1), fontsize=SMALL)
+                panel.set_title(COURSES[name].title.replace(", ", ",\n", 1), fontsize=SMALL)
             panels[0][0].set_ylabel("north (m)")
             handles, labels = panels[0][0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)

@@ -1,138 +1,168 @@
-"""`holdfast lab bench reality`: vehicles that are unlike the model.
+"""`holdfast lab bench reality`: vehicles that are unlike the model, in the full loop.
 
-| scenario    | vehicle                                                                              |
-|-------------|--------------------------------------------------------------------------------------|
-| rough       | drawn between the published models and the tank's; four degrees of freedom at once   |
-| axes        | a gain of its own on each axis, 1/3 to 3, other lags, and delays that no stamp shows |
-| light-waves | 0.4 of the inertia and thrusters without lag; its depth alone, in waves              |
-| light-path  | the same vehicle on a path                                                           |
+| scenario        | vehicle                                                                              |
+|-----------------|--------------------------------------------------------------------------------------|
+| rough           | drawn between the published models and the tank's; four degrees of freedom at once   |
+| axes            | a gain of its own on each axis, 1/3 to 3, other lags, and delays that no stamp shows |
+| light-waves     | 0.4 of the inertia and thrusters without lag; its depth alone, in waves              |
+| light-path      | the same vehicle on a path                                                           |
+| tank-*, tank-*-late | a real Heavy as measured in a tank, calm, in waves, on a path, in its place      |
+
+Errors are true - reference, of the simulator's truth, from COUNTS_S on.
 """
 
+import argparse
 import math
-from typing import ClassVar
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 
-from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import water
-from lab.studies.unlike import DEPTH_M, NONE, RealDive, Situation, Unlike, hold, path
-from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import SimConfig, load_config
+from companion.config import load_config
+from lab.loop.dive import engaging, recorded
+from lab.loop.lockstep import Step
+from lab.options import add_bench
+from lab.studies.picture import dots
+from lab.studies.vehicles import Situation, axes, light, rough, tank
+from lab.study import Row, Study, by, known
 
-
-def rough(seed: int) -> SimConfig:
-    """Draw a vehicle between the published models and the tank's, in current, waves and a jerking tether."""
-    base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 32)).uniform
-    hull, thrusters = base.hull, base.thrusters
-    share = float(np.exp(draw(math.log(0.4), math.log(1.1))))
-    damping = np.exp(draw(math.log(0.6), math.log(1.2), 6))
-    drawn = replace(
-        base,
-        hull=replace(
-            hull,
-            added_mass=tuple(np.multiply(hull.added_mass, draw(0.7, 1.2, 6)).tolist()),
-            linear_damping=tuple(
-                np.multiply((8.0, 6.0, 19.0, 0.1, 0.8, 0.1), share * damping * draw(0.5, 2.0, 6)).tolist()
-            ),
-            quadratic_damping=tuple(
-                np.multiply((95.0, 130.0, 113.0, 1.2, 0.5, 1.0), share * damping).tolist()
-            ),
-            net_buoyancy_n=draw(0.0, 4.0),
-            coriolis_share=(draw(0.3, 1.0), draw(0.3, 1.0), draw(0.0, 1.0)),
-        ),
-        thrusters=replace(
-            thrusters,
-            gain=(share,),
-            lag_s=draw(0.05, 0.2),
-            start_s=draw(0.0, 0.25),
-            horizontal_m=(*thrusters.horizontal_m[:2], draw(0.0, 0.1)),
-        ),
-    )
-    return water(
-        drawn,
-        depth_m=DEPTH_M,
-        dvl=True,
-        current_m_s=draw(0.05, 0.3),
-        current_deg=draw(0.0, 360.0),
-        waves_m=draw(0.1, 0.4),
-        period_s=draw(3.5, 6.0),
-        waves_deg=draw(0.0, 360.0),
-        tether_n=(draw(0.0, 6.0) * share,) * 3,
-        tether_s=0.7,
-    )
-
-
-def axes(seed: int) -> Situation:
-    """Draw a vehicle that answers differently on each axis, and a link."""
-    base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 33)).uniform
-    surge, sway, heave, yaw = (3.0 ** draw(-1.0, 1.0) for _ in range(4))
-    hidden_s, half_s = draw(0.0, 0.04), 0.5 * draw(0.0, 0.15)
-    gains, lag_s = (surge, sway, heave, 1.0, 1.0, yaw), draw(0.0, 0.3)
-    drawn = later(replace(base, thrusters=replace(base.thrusters, axis_gain=gains, lag_s=lag_s)), hidden_s)
-    plant = water(drawn, depth_m=DEPTH_M, dvl=True, current_m_s=0.0)
-    return Situation(plant, link=LinkDelay(up_s=0.001 + half_s, down_s=0.001 + half_s))
+COUNTS_S, ENDS_S = 25.0, 85.0
+FIRST_SEED = 9001
+TURNED_OVER_DEG = 90.0
+HELD, GIVEN_UP, TURNED_OVER = "held", "given up", "turned over"
+PARTS = (50.0, 90.0, 100.0)
+"""Percentiles of the table."""
+FIGURES = {
+    "depth_sd_mm": "depth SD, mm",
+    "place_rms_mm": "place RMS, mm",
+    "believed_rms_mm": "place without the DVL's drift, mm",
+    "heading_rms_deg": "heading RMS, °",
+    "tilt_deg": "tilt, largest, °",
+}
+NO = math.nan
+SCENARIOS: Mapping[str, Callable[[int], Situation]] = {
+    "rough": rough,
+    "axes": axes,
+    "light-waves": partial(light, moves=False),
+    "light-path": partial(light, moves=True),
+    **{
+        f"tank-{sea}{'-late' * late}": partial(tank, sea=sea, late=late)
+        for sea in ("calm", "waves", "path", "place")
+        for late in (False, True)
+    },
+}
+GOALS: Mapping[tuple[str, str], Mapping[str, tuple[float, float, float]]] = {
+    ("heavy", "rough"): {
+        "depth_sd_mm": (NO, 5.0, NO),
+        "place_rms_mm": (NO, 40.0, NO),
+        "tilt_deg": (NO, 12.0, NO),
+    },
+    ("heavy", "axes"): {"depth_sd_mm": (4.0, 6.0, 9.0), "heading_rms_deg": (0.1, 0.5, 1.5)},
+    ("heavy", "light-waves"): {"depth_sd_mm": (7.0, NO, NO)},
+    ("heavy", "light-path"): {"depth_sd_mm": (7.0, NO, NO)},
+    ("heavy", "tank-place"): {"place_rms_mm": (NO, NO, 40.0), "tilt_deg": (NO, NO, 10.0)},
+    ("tank-heavy", "tank-place"): {"place_rms_mm": (NO, NO, 25.0), "tilt_deg": (NO, NO, 8.0)},
+} | {
+    (preset, f"tank-{sea}"): {"depth_sd_mm": (NO, NO, most_mm)}
+    for preset in ("heavy", "tank-heavy")
+    for sea, most_mm in (("calm", 4.5), ("waves", 4.5), ("path", 5.0))
+}
+"""By preset and scenario, of a figure the goals at each of PARTS; late motors have those of others."""
 
 
-def later(plant: SimConfig, hidden_s: float) -> SimConfig:
-    """Return a vehicle whose depth and attitude are so much older than any stamp shows."""
-    sensors = plant.sensors
-    return replace(
-        plant,
-        sensors=replace(
-            sensors,
-            depth_delay_s=sensors.depth_delay_s + hidden_s,
-            climb_delay_s=sensors.climb_delay_s + hidden_s,
-            attitude_delay_s=sensors.attitude_delay_s + hidden_s,
-        ),
-    )
+class RealDive(NamedTuple):
+    """One dive: the companion's preset, and the scenario."""
+
+    preset: str
+    water: str
+    seed: int
 
 
-def light(seed: int, *, rough: bool) -> SimConfig:
-    """Draw the water of a vehicle with 0.4 of the inertia, and thrusters without lag."""
-    base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 34)).uniform
-    hull = base.hull
-    drawn = replace(
-        base,
-        hull=replace(
-            hull,
-            mass_kg=0.4 * hull.mass_kg,
-            inertia_kg_m2=tuple(0.4 * inertia for inertia in hull.inertia_kg_m2),
-            added_mass=tuple(0.4 * added for added in hull.added_mass),
-            centre_of_buoyancy_up_m=hull.centre_of_buoyancy_up_m / 0.4,
-        ),
-        thrusters=replace(base.thrusters, lag_s=0.0),
-    )
-    waves_m = draw(0.2, 0.4) if rough else 0.0
-    return water(drawn, depth_m=DEPTH_M, dvl=False, current_m_s=0.0, waves_m=waves_m, period_s=draw(3.5, 5.0))
-
-
-class Reality(Unlike):
-    """Vehicles between the published models and the tank's, with a gain on each axis, and light ones."""
+class Reality(Study[RealDive]):
+    """Every scenario with every preset and seed."""
 
     command = "lab bench reality"
     about = (
         "Holds vehicles between the published models and a real one, in four degrees of freedom at once; "
-        "with --scenarios also those with a gain of its own on each axis, or light ones."
+        "with --scenarios also those with a gain of its own on each axis, light ones, or a Heavy as it was "
+        "measured in a tank. A row is a preset of the companion."
     )
-    seeds = 60
-    waters: ClassVar[tuple[str, ...]] = ("rough", "axes", "light-waves", "light-path")
-    default_waters = ("rough",)
-    goals: ClassVar = {
-        ("heavy", "rough"): {
-            "depth_sd_mm": (NONE, 5.0, NONE),
-            "place_rms_mm": (NONE, 40.0, NONE),
-            "tilt_deg": (NONE, 12.0, NONE),
-        },
-        ("heavy", "axes"): {"depth_sd_mm": (4.0, 6.0, 9.0), "heading_rms_deg": (0.1, 0.5, 1.5)},
-        ("heavy", "light-waves"): {"depth_sd_mm": (7.0, NONE, NONE)},
-        ("heavy", "light-path"): {"depth_sd_mm": (7.0, NONE, NONE)},
-    }
 
-    def situation(self, case: RealDive) -> Situation:
-        if case.water == "axes":
-            return axes(case.seed)
-        if case.water == "rough":
-            return Situation(rough(case.seed))
-        moves = case.water == "light-path"
-        return Situation(light(case.seed, rough=not moves), path if moves else hold)
+    @classmethod
+    def options(cls, parser: argparse.ArgumentParser) -> None:
+        add_bench(parser, "heavy tank-heavy", ", ".join(SCENARIOS))
+        parser.set_defaults(seeds=60, rows=["heavy"], scenarios=["rough"])
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        known(arguments.scenarios, SCENARIOS, "scenario")
+        self._scenarios: Sequence[str] = arguments.scenarios
+        self._seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+        self._firmware: Path | None = arguments.firmware
+        self._configs = {
+            preset: load_config(overrides=[f"vehicle.preset={preset}", *arguments.set])
+            for preset in arguments.rows
+        }
+
+    def cases(self) -> Sequence[RealDive]:
+        return [RealDive(*each) for each in product(self._configs, self._scenarios, self._seeds)]
+
+    def ticks(self, case: RealDive, lasts_s: float = ENDS_S) -> list[Step]:
+        """Dive a case."""
+        there, config = SCENARIOS[case.water](case.seed), self._configs[case.preset]
+        start = there.target(0.0)
+        with engaging(
+            config, there.plant, start, case.seed, there.link, self._firmware, surveyed=True
+        ) as loop:
+            return list(loop.run(lasts_s, there.target))
+
+    def dive(self, cases: Sequence[RealDive]) -> Iterator[Row]:
+        for case in cases:
+            dived = recorded(self.ticks(case))
+            counted = dived.within(COUNTS_S, math.inf)
+            figures = counted.figures()
+            if not SCENARIOS[case.water](case.seed).plant.sensors.dvl:
+                figures["place_rms_mm"] = figures["believed_rms_mm"] = NO
+            turned_over = math.degrees(float(dived.tilt.max())) > TURNED_OVER_DEG
+            outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
+            yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
+
+    def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Return a row for each preset and scenario: true errors from COUNTS_S on."""
+        keys, lines = _measured(rows, FIGURES), []
+        for (preset, water), some in by(rows, "preset", "water").items():
+            over = sum(row["outcome"] == TURNED_OVER for row in some)
+            turned_over = f", {over} turned over" if over else ""
+            line = [f"{preset}, {water}", f"{_held(some)} of {len(some)}{turned_over}"]
+            goals = GOALS.get((preset, water.removesuffix("-late")), {})
+            for key in keys:
+                values = np.percentile([row[key] for row in some], PARTS)
+                goal = f" (goal {_or_dash(goals[key], 'g')})" if key in goals else ""
+                line.append(_or_dash(values, ".1f") + goal)
+            lines.append(line)
+        return {"columns": ["median/90 %/most", "held", *(FIGURES[key] for key in keys)], "rows": lines}
+
+    def failed(self, rows: Sequence[Row]) -> bool:
+        """Return whether a vehicle was given up or turned over."""
+        return _held(rows) < len(rows)
+
+    def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
+        """Draw each figure's distribution, a line for each preset and scenario."""
+        columns = {key: FIGURES[key] for key in _measured(rows, ("depth_sd_mm", "place_rms_mm", "tilt_deg"))}
+        groups = {", ".join(key): some for key, some in by(rows, "preset", "water").items()}
+        return [dots(folder / "reality.png", groups, columns, lost=lambda row: bool(row["outcome"] != HELD))]
+
+
+def _held(rows: Sequence[Row]) -> int:
+    return sum(row["outcome"] == HELD for row in rows)
+
+
+def _measured(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
+    """Return the keys of which any dive has a value."""
+    return [key for key in keys if np.isfinite([row[key] for row in rows]).any()]
+
+
+def _or_dash(values: Iterable[float], how: str) -> str:
+    return "/".join(format(value, how) if math.isfinite(value) else "–" for value in values)

@@ -98,11 +98,6 @@ def follow(gains: Gains, axis: Axis, angle: float, rate: float, dt: float) -> Ax
     )
 
 
-def follow_rate(gains: Gains, axis: Axis, wanted: float, angle: float, rate: float, dt: float) -> Axis:
-    """Advance the rate loop alone, as ACRO does; the target stays at the vehicle."""
-    return _rate_loop(gains, _aimed(axis, angle, 0.0), wanted, rate, dt)
-
-
 def wrap(angle: float) -> float:
     """Return the angle within ±π."""
     return math.remainder(angle, math.tau)

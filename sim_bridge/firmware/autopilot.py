@@ -1,4 +1,4 @@
-"""ArduSub as seen from its links: who may steer, arming, modes, failsafes, commands, parameters."""
+"""ArduSub as seen from its links: who may steer, its input loop, telemetry, parameters, routing."""
 
 import math
 from collections import deque
@@ -7,42 +7,27 @@ from operator import attrgetter
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import absent, arming, instruments, messages, modes
-from sim_bridge.firmware.answers import (
-    ACCEPTED,
-    BANNER,
-    BOOT_TEXTS,
-    CRITICAL,
-    FAILED,
-    FRAMES,
-    INFO,
-    WARNING,
-)
+from sim_bridge.firmware import absent, messages, modes
+from sim_bridge.firmware.answers import BOOT_TEXTS, INFO, WARNING
+from sim_bridge.firmware.board import NOWHERE, Board, Origin
 from sim_bridge.firmware.commands import Commands
 from sim_bridge.firmware.failsafes import Failsafes
+from sim_bridge.firmware.frames import Message
 from sim_bridge.firmware.link import Link
-from sim_bridge.firmware.messages import Message, Origin
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.firmware.modes import NAMES, NEED_POSITION, FlightControl
 from sim_bridge.firmware.params import DEFAULTS, Parameters
-from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
 from sim_bridge.firmware.signing import KeyStore
-from sim_bridge.firmware.streams import STREAMED, TRANSFER_SLOWDOWN, Streams
-from sim_bridge.physics.plant import State, state_of
-from sim_bridge.physics.sensors import Estimate, Sensors
+from sim_bridge.firmware.streams import TRANSFER_SLOWDOWN
+from sim_bridge.physics.sensors import Sensors
 
-THROTTLE_DEMAND = 3
 INPUT_PERIOD_S = 0.02
 TIMESYNC_PERIOD_S = 10.0
 PARAMETERS_PER_STEP = 10
 ORIGIN_SHIFT_M = 0.1
 """How far relative_alt is off for good when the origin is set while dived."""
-
 EXTERNAL_NAVIGATION = 6
 LEAST_DELTA_S, LEAST_APART_S = 0.01, 0.02
 """VISION_POSITION_DELTA: shortest time that it may span, and that has to lie between two."""
-
-STANDBY, ACTIVE, FAILSAFE = 3, 4, 5
 DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
 PARAMETERS = tuple(f"param{number}" for number in range(1, 8))
@@ -51,19 +36,10 @@ NO_POSITION, NO_Z = 0b111, 1 << 2
 """Bits of a type_mask: what to ignore."""
 
 
-class Autopilot:
-    """The firmware's behaviour from one boot to the next. Time is seconds since boot and arrives as data.
+class Autopilot(Board):
+    """The firmware's behaviour from one boot to the next.
 
-    Args:
-        params: survives reboots, so it comes from outside.
-        sensors: read when something needs them.
-        frame: vectored or vectored_6dof.
-        has_position: whether there is a DVL, or will be.
-        rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
-        links: link number to Link; the same dictionary that the vehicle fills.
-        keys: the signing key, which survives reboots too.
-        rebooted: says what the firmware says as it boots. The first one has done so before anybody listened.
-
+    `rebooted`: it says what the firmware says as it boots. The first one has done so before anybody listened.
     """
 
     def __init__(
@@ -78,41 +54,14 @@ class Autopilot:
         *,
         rebooted: bool,
     ) -> None:
-        self.params = params
-        self.armed = False
-        self.reboot_requested = False
-        self.motor_pwm = self.idle = [NEUTRAL] * (8 if frame == "vectored_6dof" else 6)
-        self.voltage_v = 16.0
-        self.current_a = 0.0
-        self.consumed_mah = 0.0
-        self.capacity_mah = 1.0
-        self.state: State = state_of((0.0,) * 6, (0.0,) * 6)
-        self.alter: Callable[[Message], Message | None] | None = None
-        """Set by the vehicle while a fault falsifies telemetry."""
-        self.sensors = sensors
-        self._frame = frame
-        self.has_position = has_position and sensors.aided
-        self.rc_receiver = rc_receiver
-        self._links = links
-        self._keys = keys
-        self._out: list[tuple[int, bytes]] = []
-        self.boot_s = 0.0
+        super().__init__(params, sensors, frame, has_position, rc_receiver, links, keys)
         self._next_input_s = 0.0
         self._next_timesync_s = TIMESYNC_PERIOD_S
-        self._text_id = 0
-        self.origin = Origin(0, 0, 0) if has_position else None  # a DVL's driver sets it as it starts
         self._withheld: Origin | None = None
         """What the origin will be once it may be set."""
         self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
         self._commands = Commands(self)
-        self._demand: tuple[float, ...] | None = None
-        self._input_is_new = True
-        self.ekf_doubt: float | None = None
-        self.range_quality = 0
-        """The EKF's variance while it has no solution."""
-        self.failsafes = Failsafes(self, rc_receiver, rebooted=rebooted)
-        self.pilot = Pilot(params, self._button, self._say_info)
-        self.control = FlightControl(params)
+        self.failsafes = Failsafes(self, rebooted=rebooted)
         self._delta_s = -math.inf
         """When the EKF last took a VISION_POSITION_DELTA."""
         self._handlers: dict[str, Callable[[int, Message], None]] = {
@@ -137,40 +86,13 @@ class Autopilot:
             "VISION_POSITION_DELTA": self._on_vision_position_delta,
         }
 
-    @property
-    def mode(self) -> int:
-        """The flight mode's number."""
-        return self.control.mode
-
-    @property
-    def system(self) -> int:
-        """Our MAVLink system id."""
-        return int(self.params["MAV_SYSID"]) & 0xFF
-
-    @property
-    def boot_ms(self) -> int:
-        """Milliseconds since boot, as uint32."""
-        return round(self.boot_s * 1000) & 0xFFFFFFFF
-
-    @property
-    def boot_us(self) -> int:
-        """Microseconds since boot."""
-        return round(self.boot_s * 1e6)
-
-    @property
-    def system_status(self) -> int:
-        """MAV_STATE."""
-        if self.failsafes.active:
-            return FAILSAFE
-        return ACTIVE if self.armed else STANDBY
-
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes from a link. Garbage is skipped; messages for others are forwarded."""
-        for message in self._links[link].parse(data):
+        for message in self.links[link].parse(data):
             kind = message.get_type()
             if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
                 continue
-            self._links[link].heard.add((message.get_srcSystem(), message.get_srcComponent()))
+            self.links[link].heard.add((message.get_srcSystem(), message.get_srcComponent()))
             if self._routed(link, message) and (handler := self._handlers.get(kind)):
                 handler(link, message)
 
@@ -180,83 +102,38 @@ class Autopilot:
         if boot_s >= self._next_input_s - 1e-9:
             self._next_input_s += INPUT_PERIOD_S
             self.pilot.input_loop()
-            self._input_is_new = True
+            self.input_is_new = True
             self.failsafes.check()
             self._say_what_is_due()
         if not self.armed:
-            self.motor_pwm, self._demand = self.idle, None
+            self.motor_pwm, self.last_demand = self.idle, None
             return self.motor_pwm
         if self.mode == modes.SURFACE and self.estimate().depth_m < -self.params["SURFACE_DEPTH"] / 100.0:
             self.set_mode(modes.ALT_HOLD)
-        if self.mode == modes.MANUAL and not self._input_is_new:
+        if self.mode == modes.MANUAL and not self.input_is_new:
             return self.motor_pwm
-        self._input_is_new = False
+        self.input_is_new = False
         estimate = None if self.mode == modes.MANUAL else self.estimate()
         demand = self.control.demand(self.pilot, estimate, boot_s, dt)
-        if demand != self._demand:
-            self._demand = demand
+        if demand != self.last_demand:
+            self.last_demand = demand
             ways = [-1.0 if self.params[name] < 0 else 1.0 for name in DIRECTIONS[: len(self.idle)]]
-            self.motor_pwm = motor_pwm(mix(self._frame, demand), ways)
+            self.motor_pwm = motor_pwm(mix(self.frame, demand), ways)
         return self.motor_pwm
 
     def telemetry(self) -> list[tuple[int, bytes]]:
         """All that leaves after a step: answers first, then what the streams owe."""
-        for number, link in self._links.items():
+        for number, link in self.links.items():
             for message in link.streams.due(self.boot_s, TRANSFER_SLOWDOWN if link.parameters else 1.0):
-                for built in instruments.build(message, self):
+                for built in messages.build(message, self):
                     self.send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
                 self.send(number, self._param_value(link.parameters.popleft(), listed=True))
         if self.boot_s >= self._next_timesync_s:
             self._next_timesync_s += TIMESYNC_PERIOD_S
-            self._broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
-        out, self._out = self._out, []
+            self.broadcast(mavlink.MAVLink_timesync_message(0, self._boot_ns()))
+        out, self.out = self.out, []
         return out
-
-    def arm(self, *, forced: bool = False) -> int:
-        """Arm the motors, without any check if `forced`; the MAV_RESULT."""
-        if self.armed:
-            return ACCEPTED
-        refusals = arming.refusals(
-            self.params, self.pilot, self.boot_s, self.failsafes.pilot_seen_s, forced=forced
-        )
-        for refusal in refusals:
-            self.say(CRITICAL, refusal)
-        if refusals:
-            return FAILED
-        self.say(INFO, "Arming motors")
-        self.armed = self._input_is_new = True
-        self.sensors.rezero()
-        self.control.rest(self.estimate(), self.boot_s)
-        return ACCEPTED
-
-    def disarm(self) -> int:
-        """Stop the motors; never refused."""
-        if self.armed:
-            self.say(INFO, "Disarming motors")
-            self.armed = False
-        return ACCEPTED
-
-    def set_mode(self, number: int) -> int:
-        """Change the flight mode; the MAV_RESULT. The present mode again is a success that does nothing."""
-        if number == self.mode:
-            return ACCEPTED
-        if number not in NAMES:
-            self.say(WARNING, f"No such mode {number}")
-            return FAILED
-        if number in NEED_POSITION:
-            name = NAMES[number]
-            self.say(WARNING, f"Mode change failed: {name} requires position")
-            if self.has_position and self.origin:
-                self.say(WARNING, f"The stand-in has no {name}; ArduSub: docs/sitl.md")
-            return FAILED
-        if number == modes.SURFTRAK:
-            self.say(INFO, "waiting for a rangefinder reading")
-        self.neutralise()
-        throttle = self._demand[THROTTLE_DEMAND] if self._demand else 0.0
-        self.control.enter(number, self.estimate(), throttle)
-        self._broadcast(messages.heartbeat(self))
-        return ACCEPTED
 
     def yaw_was_reset(self, turn_rad: float) -> None:
         """Say so, and hold the same true heading."""
@@ -266,7 +143,7 @@ class Autopilot:
     def withhold_origin(self, held: bool) -> None:
         """Have no origin and take none, or get one again."""
         if held and self._withheld is None:
-            self._withheld, self.origin = self.origin or Origin(0, 0, 0), None
+            self._withheld, self.origin = self.origin or NOWHERE, None
         elif not held and self._withheld is not None:
             origin, self._withheld = self._withheld, None
             self._set_origin(origin)
@@ -283,11 +160,6 @@ class Autopilot:
                 )
             else:
                 self.say(WARNING, "EKF3 IMU0 stopped aiding")
-
-    def neutralise(self) -> None:
-        """Centre the sticks at once."""
-        self.pilot.neutralise()
-        self._input_is_new = True
 
     # Steering
 
@@ -312,14 +184,6 @@ class Autopilot:
         if self._steers(message):
             self.pilot.override(CHANNELS_RAW(message))
 
-    def _button(self, function: int) -> None:
-        if function == FN_ARM or (function == FN_ARM_TOGGLE and not self.armed):
-            self.arm()
-        elif function in (FN_DISARM, FN_ARM_TOGGLE):
-            self.disarm()
-        elif function in FN_MODES:
-            self.set_mode(FN_MODES[function])
-
     # Commands
 
     def _on_command(self, link: int, message: Message) -> None:
@@ -329,25 +193,6 @@ class Autopilot:
         result = self._commands.obey(link, message.command, p)
         peer = (message.get_srcSystem(), message.get_srcComponent())
         self.send(link, mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *peer))
-
-    def request(self, link: int, number: int) -> int:
-        """Send a message once; the MAV_RESULT. One without anything to tell is accepted, and not sent."""
-        if number not in STREAMED:
-            return FAILED
-        for message in instruments.build(number, self):
-            self.send(link, message)
-        return ACCEPTED
-
-    def say_banner(self, link: int) -> None:
-        """Say on a link which firmware and frame this is."""
-        for text in (*BANNER, f"Frame: {FRAMES[self._frame]}"):
-            self._text_id += 1
-            for message in messages.statustexts(INFO, text, self._text_id):
-                self.send(link, message)
-
-    def streams(self, link: int) -> Streams:
-        """Return the intervals of a link."""
-        return self._links[link].streams
 
     def _say_what_is_due(self) -> None:
         while self._boot_texts and self._boot_texts[0][0] <= self.boot_s:
@@ -360,7 +205,7 @@ class Autopilot:
 
     def _on_request_data_stream(self, link: int, message: Message) -> None:
         rate = float(message.req_message_rate) if message.start_stop else 0.0
-        self._links[link].streams.set_group(message.req_stream_id, rate, self.boot_s)
+        self.links[link].streams.set_group(message.req_stream_id, rate, self.boot_s)
 
     def _on_timesync(self, link: int, message: Message) -> None:
         if message.tc1 == 0:
@@ -374,7 +219,7 @@ class Autopilot:
         if self.estimate().depth_m > 0.2:
             self.sensors.shift_relative(ORIGIN_SHIFT_M)
         self.origin = origin
-        self._broadcast(mavlink.MAVLink_gps_global_origin_message(*origin, round(self.boot_s * 1e6)))
+        self.broadcast(mavlink.MAVLink_gps_global_origin_message(*origin, round(self.boot_s * 1e6)))
 
     def _on_vision_position_delta(self, _: int, message: Message) -> None:
         """Give the EKF what is sound, no faster than it takes them, where it is set up for them."""
@@ -385,9 +230,6 @@ class Autopilot:
         if configured and sound and self.boot_s - self._delta_s >= LEAST_APART_S:
             self._delta_s = self.boot_s
             self.sensors.hear_odometry(tuple(message.position_delta), lasted_s)
-
-    def _say_info(self, text: str) -> None:
-        self.say(INFO, text)
 
     def _on_file_transfer(self, link: int, message: Message) -> None:
         if answer := absent.file_answer(message):
@@ -413,13 +255,13 @@ class Autopilot:
         self.send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _on_version_request(self, link: int, _: Message) -> None:
-        self.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        self._commands.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
     def _on_setup_signing(self, _: int, message: Message) -> None:
         """Take a key from whoever may speak; all zero takes it away. The firmware never tells it on."""
-        self._keys.set_up(bytes(message.secret_key), message.initial_timestamp)
-        for number, link in self._links.items():
-            link.sign(self._keys, number)
+        self.keys.set_up(bytes(message.secret_key), message.initial_timestamp)
+        for number, link in self.links.items():
+            link.sign(self.keys, number)
 
     # Parameters
 
@@ -435,14 +277,14 @@ class Autopilot:
 
     def _on_param_request_list(self, link: int, _: Message) -> None:
         self.say_banner(link)
-        self._links[link].parameters = deque(self.params.names)
+        self.links[link].parameters = deque(self.params.names)
 
     def _on_param_set(self, _: int, message: Message) -> None:
         name = _text(message.param_id)
         if name in self.params and math.isfinite(message.param_value):
             self.params.set(name, message.param_value)
-            self._demand, self._input_is_new = None, True
-            self._broadcast(self._param_value(name, listed=False))
+            self.last_demand, self.input_is_new = None, True
+            self.broadcast(self._param_value(name, listed=False))
 
     def _param_value(self, name: str, *, listed: bool) -> Message:
         """Tell a parameter; its place in the list only where it was asked by that."""
@@ -453,24 +295,6 @@ class Autopilot:
             len(self.params.names),
             self.params.index[name] if listed else 65535,
         )
-
-    # Sending
-
-    def say(self, severity: int, text: str) -> None:
-        """Send a STATUSTEXT to every link."""
-        self._text_id += 1
-        for message in messages.statustexts(severity, text, self._text_id):
-            self._broadcast(message)
-
-    def _broadcast(self, message: Message) -> None:
-        for number in self._links:
-            self.send(number, message)
-
-    def send(self, link: int, message: Message) -> None:
-        """Send a message on a link after this step."""
-        altered = self.alter(message) if self.alter else message
-        if altered is not None:
-            self._out.append((link, self._links[link].pack(altered, self.system)))
 
     def _routed(self, source: int, message: Message) -> bool:
         """Forward a message to other links; tell whether the autopilot takes it too.
@@ -484,17 +308,13 @@ class Autopilot:
         if ours and component == mavlink.MAV_COMP_ID_AUTOPILOT1:
             return True
         forwarded = False
-        for number, link in self._links.items():
+        for number, link in self.links.items():
             if number != source and any(
                 system in (0, heard) and (not ours or component in (0, part)) for heard, part in link.heard
             ):
-                self._out.append((number, bytes(message.get_msgbuf())))
+                self.out.append((number, bytes(message.get_msgbuf())))
                 forwarded = True
         return system == 0 or (ours and (component == 0 or not forwarded))
-
-    def estimate(self) -> Estimate:
-        """Return what the EKF makes of the sensors."""
-        return self.sensors.estimate(max(0.1, self.params["BARO_SPEC_GRAV"]))
 
     def _boot_ns(self) -> int:
         return round(self.boot_s * 1e9)

@@ -2,38 +2,27 @@
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import modes
-from sim_bridge.firmware.answers import (
-    ACCEPTED,
-    DENIED,
-    FAILED,
-    INFO,
-    SAYS,
-    UNSUPPORTED,
-    WARNING,
-    WITHOUT_EFFECT,
-)
-from sim_bridge.firmware.streams import FASTEST_INTERVAL_US, STREAMED
-
-if TYPE_CHECKING:
-    from sim_bridge.firmware.autopilot import Autopilot
+from sim_bridge.firmware import messages, modes
+from sim_bridge.firmware.answers import ACCEPTED, DENIED, FAILED, INFO, UNSUPPORTED, WARNING
+from sim_bridge.firmware.board import Board
+from sim_bridge.firmware.messages import STREAMED
+from sim_bridge.firmware.streams import FASTEST_INTERVAL_US
 
 FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 """Numbers in a parameter that switch off the checks."""
 
 
 class Commands:
-    """Carries out commands for an autopilot. A handler takes the link and seven parameters.
+    """Carries out commands for a board. A handler takes the link and seven parameters.
 
     It is a method: a closure would keep the autopilot of a vehicle that was copied.
     """
 
-    def __init__(self, autopilot: "Autopilot") -> None:
-        self._autopilot = autopilot
+    def __init__(self, board: Board) -> None:
+        self._board = board
         self._handlers: dict[int, Callable[[int, list[float]], int]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -52,81 +41,84 @@ class Commands:
 
     def obey(self, link: int, command: int, p: list[float]) -> int:
         """Carry out a command; the MAV_RESULT."""
-        if handler := self._handlers.get(command):
-            return handler(link, p)
-        if command in SAYS:
-            self._autopilot.say(*SAYS[command])
-        return WITHOUT_EFFECT.get(command, UNSUPPORTED)
+        handler = self._handlers.get(command)
+        return handler(link, p) if handler else UNSUPPORTED
+
+    def request(self, link: int, number: int) -> int:
+        """Send a message once; the MAV_RESULT. One without anything to tell is accepted, and not sent."""
+        if number not in STREAMED:
+            return FAILED
+        for message in messages.build(number, self._board):
+            self._board.send(link, message)
+        return ACCEPTED
 
     def _loiter(self, _: int, __: list[float]) -> int:
-        return self._autopilot.set_mode(modes.POSHOLD)
+        return self._board.set_mode(modes.POSHOLD)
 
     def _land(self, _: int, __: list[float]) -> int:
-        return self._autopilot.set_mode(modes.SURFACE)
+        return self._board.set_mode(modes.SURFACE)
 
     def _request(self, link: int, p: list[float]) -> int:
-        return self._autopilot.request(link, _whole(p[0]))
+        return self.request(link, _whole(p[0]))
 
     def _arm(self, _: int, p: list[float]) -> int:
-        autopilot = self._autopilot
+        board = self._board
         if p[0] == 1:
-            return autopilot.arm(forced=p[1] in FORCE_ARMING)
-        return autopilot.disarm() if p[0] == 0 else UNSUPPORTED
+            return board.arm(forced=p[1] in FORCE_ARMING)
+        return board.disarm() if p[0] == 0 else UNSUPPORTED
 
     def _set_mode(self, _: int, p: list[float]) -> int:
-        return self._autopilot.set_mode(_whole(p[1])) if _whole(p[0]) & 1 else DENIED
+        return self._board.set_mode(_whole(p[1])) if _whole(p[0]) & 1 else DENIED
 
     def _set_interval(self, link: int, p: list[float]) -> int:
-        autopilot, number, interval_us = self._autopilot, _whole(p[0]), p[1]
+        board, number, interval_us = self._board, _whole(p[0]), p[1]
         if number not in STREAMED:
-            autopilot.say(INFO, f"No ap_message for mavlink id ({number})")
+            board.say(INFO, f"No ap_message for mavlink id ({number})")
             return DENIED
         if not math.isfinite(interval_us):
             return DENIED
         if 0.0 < interval_us < FASTEST_INTERVAL_US:
-            autopilot.say(INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE")
-        taken = autopilot.streams(link).set_interval(number, interval_us, autopilot.boot_s)
+            board.say(INFO, f"Requested rate for message ID {number} too fast. Increase SCHED_LOOP_RATE")
+        taken = board.links[link].streams.set_interval(number, interval_us, board.boot_s)
         return ACCEPTED if taken else DENIED
 
     def _get_interval(self, link: int, p: list[float]) -> int:
         number = _whole(p[0]) & 0xFFFF
-        interval_us = self._autopilot.streams(link).interval_us(number)
-        self._autopilot.send(link, mavlink.MAVLink_message_interval_message(number, interval_us))
+        interval_us = self._board.links[link].streams.interval_us(number)
+        self._board.send(link, mavlink.MAVLink_message_interval_message(number, interval_us))
         return ACCEPTED
 
     def _request_version(self, link: int, p: list[float]) -> int:
-        return (
-            self._autopilot.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if p[0] == 1 else FAILED
-        )
+        return self.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if p[0] == 1 else FAILED
 
     def _test_motor(self, _: int, __: list[float]) -> int:
         """Refuse: which motor turns which way is asked of the real ArduSub."""
-        if not self._autopilot.armed:
-            self._autopilot.say(WARNING, "Arm motors before testing motors.")
-        self._autopilot.say(WARNING, "motor test initialization failed!")
+        if not self._board.armed:
+            self._board.say(WARNING, "Arm motors before testing motors.")
+        self._board.say(WARNING, "motor test initialization failed!")
         return FAILED
 
     def _send_banner(self, link: int, _: list[float]) -> int:
-        self._autopilot.say_banner(link)
+        self._board.say_banner(link)
         return ACCEPTED
 
     def _terminate(self, _: int, p: list[float]) -> int:
-        return self._autopilot.disarm() if p[0] > 0.5 else FAILED
+        return self._board.disarm() if p[0] > 0.5 else FAILED
 
     def _reboot(self, _: int, p: list[float]) -> int:
-        if self._autopilot.armed and p[5] != FORCE_REBOOT:
+        if self._board.armed and p[5] != FORCE_REBOOT:
             return FAILED
-        self._autopilot.reboot_requested = p[0] in (1, 3)
-        return ACCEPTED if self._autopilot.reboot_requested else UNSUPPORTED
+        self._board.reboot_requested = p[0] in (1, 3)
+        return ACCEPTED if self._board.reboot_requested else UNSUPPORTED
 
     def _calibrate(self, _: int, p: list[float]) -> int:
         """Calibrate the barometer; gyro and level trim are accepted and change nothing."""
-        if self._autopilot.armed:
+        if self._board.armed:
             return FAILED
         if p[2] == 1:
-            self._autopilot.sensors.rezero()
+            self._board.sensors.rezero()
             for text in ("Calibrating barometer", *(f"Barometer {n} calibration complete" for n in (1, 2))):
-                self._autopilot.say(INFO, text)
+                self._board.say(INFO, text)
             return ACCEPTED
         return ACCEPTED if p[0] == 1 or p[4] in (1, 2, 4) else UNSUPPORTED
 

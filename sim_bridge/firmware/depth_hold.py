@@ -24,7 +24,7 @@ class DepthGains(NamedTuple):
     rise_i: float
 
 
-class State(NamedTuple):
+class DepthLoop(NamedTuple):
     """What the loop remembers: errors behind their filters (m/s, m/s²), integral and throttle (-1..1)."""
 
     climb_error: float
@@ -33,7 +33,7 @@ class State(NamedTuple):
     throttle: float
 
 
-AT_REST = State(0.0, 0.0, 0.0, 0.0)
+AT_REST = DepthLoop(0.0, 0.0, 0.0, 0.0)
 
 
 class Wanted(NamedTuple):
@@ -55,14 +55,14 @@ def toward_climb(wanted: Wanted, climb_m_s: float, dt: float) -> Wanted:
 
 def step(
     gains: DepthGains,
-    state: State,
+    state: DepthLoop,
     too_deep_m: float,
     wanted: Wanted,
     fastest_m_s: float,
     climb_m_s: float,
     rise_m_s2: float,
     dt: float,
-) -> State:
+) -> DepthLoop:
     """Advance by `dt` (s); `too_deep_m` is how far the target lies above, rates are positive up.
 
     `fastest_m_s` bounds the correction of depth.
@@ -75,4 +75,4 @@ def step(
     integral = clip(state.integral + 0.2 * gains.rise_i * rise_error * dt, 1.0)
     asked = clip(0.2 * gains.rise_p * rise_error + integral, 1.0)
     throttle = state.throttle + smoothing(THROTTLE_FILTER_HZ, dt) * (asked - state.throttle)
-    return State(climb_error, rise_error, integral, throttle)
+    return DepthLoop(climb_error, rise_error, integral, throttle)

@@ -6,9 +6,12 @@ What it cannot do, such as arrays, signatures and several frames in one datagram
 import struct
 from functools import cache
 from operator import attrgetter
-from typing import Any
+from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+Message: TypeAlias = Any
+"""A pymavlink message object; the dialect carries no types that mypy --strict accepts."""
 
 MAGIC, HEADER_LENGTH, CHECKSUM_LENGTH = 253, 10, 2
 HEADER = struct.Struct("<BBBBBBBHB")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware import frames
-from sim_bridge.firmware.messages import Message
+from sim_bridge.firmware.frames import Message
 from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.firmware.streams import Streams
 

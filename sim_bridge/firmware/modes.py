@@ -10,18 +10,13 @@ from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, Y
 from sim_bridge.firmware.shaping import clip
 from sim_bridge.physics.sensors import Estimate
 
-STABILIZE, ACRO, ALT_HOLD, AUTO, GUIDED, CIRCLE = 0, 1, 2, 3, 4, 7
-SURFACE, POSHOLD, MANUAL, MOTOR_DETECT, SURFTRAK = 9, 16, 19, 20, 21
-
-
+STABILIZE, ALT_HOLD, GUIDED, SURFACE, POSHOLD, MANUAL = 0, 2, 4, 9, 16, 19
 NAMES = {
-    **{STABILIZE: "STABILIZE", ACRO: "ACRO", ALT_HOLD: "ALT_HOLD", AUTO: "AUTO", GUIDED: "GUIDED"},
-    **{CIRCLE: "CIRCLE", SURFACE: "SURFACE", POSHOLD: "POSHOLD", MANUAL: "MANUAL"},
-    **{MOTOR_DETECT: "MOTOR_DETECT", SURFTRAK: "SURFTRAK"},
+    **{0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 7: "CIRCLE", 9: "SURFACE"},
+    **{16: "POSHOLD", 19: "MANUAL", 20: "MOTOR_DETECT", 21: "SURFTRAK"},
 }
-HOLD_DEPTH = (ALT_HOLD, SURFACE, SURFTRAK)
-NEED_POSITION = (AUTO, GUIDED, CIRCLE, POSHOLD)
-"""Modes that steer to a place: the stand-in refuses them as ArduSub does without a position."""
+NEED_POSITION, NOT_IMITATED = (3, GUIDED, 7, POSHOLD), (1, 20, 21)
+"""Modes that the stand-in refuses: those that steer to a place as ArduSub does without a position."""
 
 YAW_SETTLE_S = 0.25
 THROTTLE_MIDDLE = 0.5
@@ -60,16 +55,16 @@ class FlightControl:
         self._wanted = depth_hold.Wanted(
             estimate.climb_m_s, clip(estimate.rise_m_s2, depth_hold.MAX_ACCELERATION_M_S2)
         )
-        self._depth_hold = depth_hold.State(0.0, 0.0, self._initial_integral(), throttle)
+        integral = clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)
+        self._depth_hold = depth_hold.DepthLoop(0.0, 0.0, integral, throttle)
 
     def rest(self, estimate: Estimate, t_s: float) -> None:
         """Put targets to where the vehicle is, integrals to zero: done all the time while disarmed."""
         self.depth_target = estimate.depth_m
         self._heading = estimate.yaw
         self._yaw_moved_s = t_s - YAW_SETTLE_S
-        self._relax(estimate)
-        holds_depth = self.mode in (ALT_HOLD, SURFTRAK)
-        self._throttle_in = THROTTLE_MIDDLE if holds_depth else 0.0
+        self._attitude = [attitude.relaxed(*motion) for motion in _motions(estimate)]
+        self._throttle_in = THROTTLE_MIDDLE if self.mode == ALT_HOLD else 0.0
         self._depth_hold = depth_hold.AT_REST
         self._wanted = depth_hold.STILL
 
@@ -83,16 +78,10 @@ class FlightControl:
         """Six demands in -1..1. `estimate` may be None in MANUAL, which looks at no sensor."""
         forward, lateral = pilot.stick(FORWARD), pilot.stick(LATERAL)
         throttle = pilot.stick(THROTTLE)
-        if self.mode == MOTOR_DETECT:
-            return (0.0,) * 6
         if self.mode == MANUAL or estimate is None:
             return pilot.stick(ROLL), pilot.stick(PITCH), pilot.stick(YAW), throttle, forward, lateral
-        if self.mode == ACRO:
-            throttle = 2.0 * max(0.0, throttle) - 1.0
-            roll, pitch, yaw = self._turn(pilot, estimate, dt)
-        else:
-            roll, pitch, yaw = self._level(pilot, estimate, t_s, dt)
-        if self.mode in HOLD_DEPTH:
+        roll, pitch, yaw = self._level(pilot, estimate, t_s, dt)
+        if self.mode in (ALT_HOLD, SURFACE):
             throttle = self._depth(pilot, estimate, dt)
         self._throttle_in = 0.5 * (throttle + 1.0)
         return roll, pitch, yaw, throttle, forward, lateral
@@ -104,22 +93,6 @@ class FlightControl:
             self._attitude_gains = [attitude.gains(params, name) for name in AXES]
             self._gains_as_of = params.changes
         return self._attitude_gains
-
-    def _turn(self, pilot: Pilot, estimate: Estimate, dt: float) -> tuple[float, float, float]:
-        """Demands of ACRO: the sticks are body rates."""
-        params = self._params
-        rates = (
-            pilot.angle_stick(ROLL) * INPUT_ANGLE * params["ACRO_RP_P"],
-            pilot.angle_stick(PITCH) * INPUT_ANGLE * params["ACRO_RP_P"],
-            pilot.angle_stick(YAW) * INPUT_ANGLE * params["ACRO_YAW_P"],
-        )
-        motions = _motions(estimate)
-        self._attitude = [
-            attitude.follow_rate(loop, axis, rate, *motion, dt)
-            for loop, axis, rate, motion in zip(self._gains(), self._attitude, rates, motions, strict=True)
-        ]
-        roll, pitch, yaw = self._attitude
-        return roll.demand, pitch.demand, yaw.demand
 
     def _level(self, pilot: Pilot, estimate: Estimate, t_s: float, dt: float) -> tuple[float, float, float]:
         """Demands that hold roll and pitch, and the heading once the yaw stick has rested for 250 ms."""
@@ -183,12 +156,6 @@ class FlightControl:
         near_surface = clip(max(0.0, estimate.depth_m - surface_m), 1.0)
         least = params["SURFACE_MAX_THR"]
         return clip(self._depth_hold.throttle, least + (1.0 - least) * near_surface)
-
-    def _initial_integral(self) -> float:
-        return clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)
-
-    def _relax(self, estimate: Estimate) -> None:
-        self._attitude = [attitude.relaxed(*motion) for motion in _motions(estimate)]
 
 
 def _motions(estimate: Estimate) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:

@@ -4,8 +4,6 @@ import math
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware.instruments import TOLD
-
 ATTITUDE, AHRS2, VFR_HUD = (
     mavlink.MAVLINK_MSG_ID_ATTITUDE,
     mavlink.MAVLINK_MSG_ID_AHRS2,
@@ -62,9 +60,6 @@ GROUPS: dict[int, tuple[float, tuple[int, ...]]] = {
 """REQUEST_DATA_STREAM's groups: the rate in Hz with nobody asking, and the messages."""
 
 DEFAULT_RATE_HZ = {message: rate for rate, group in GROUPS.values() for message in group} | {HEARTBEAT: 1.0}
-STREAMED = TOLD - {mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT}
-"""What REQUEST_MESSAGE and SET_MESSAGE_INTERVAL take. NAMED_VALUE_FLOAT streams with its group."""
-
 FASTEST_INTERVAL_US = 3125
 """0.8 of the firmware's 400 Hz loop; what is asked faster is refused."""
 TRANSFER_SLOWDOWN = 4.0
@@ -85,8 +80,6 @@ class Streams:
 
     def set_interval(self, message: int, interval_us: float, now_s: float) -> bool:
         """SET_MESSAGE_INTERVAL: -1 stops, 0 restores the default. False if it is refused."""
-        if message not in STREAMED:
-            return False
         if interval_us == 0:
             self._set(message, DEFAULT_RATE_HZ.get(message, 0.0), now_s)
         elif interval_us == -1:

@@ -44,7 +44,7 @@ def follows(value, schema):
 
 def published(sample: ControlSample, log: EventLog, results=()):
     """Return (key, encoding, payload) of all that leaves in a tick."""
-    key, encoding = telemetry.event_key("kelp")
+    key, encoding = telemetry.published("kelp", "event")
     events = [(key, encoding, telemetry.to_json(event)) for event in log.step(sample, results)]
     return samples.encode(sample, "kelp") + events
 
@@ -81,7 +81,7 @@ def test_it_keeps_every_sample_of_every_key_and_what_it_inferred_stays_true():
             schema = schemas.setdefault(key, inferred(value))
             names[key] = name
             assert follows(value, schema), f"{key} at {step.t_s} s: {payload!r} is not {schema}"
-    assert set(schemas) == {*telemetry.keys("kelp"), telemetry.event_key("kelp")[0]}
+    assert set(schemas) == {*telemetry.keys("kelp"), telemetry.key("kelp", "event")}
     assert names["holdfast/kelp/dof/z"] == "holdfast.Dof.v1"
     plottable = {
         key: [field for field, kind in schema["properties"].items() if kind["type"] in ("number", "integer")]

@@ -16,7 +16,7 @@ from companion.identify.manoeuvre import EXCITATIONS, SETTLE_S, Manoeuvre, pushi
 from companion.identify.model import KEYS, LAG, LEAST, MASS, MOST, QUADRATIC, START, Track
 from companion.records import PSI, ZERO, Request, State, X, Y, Z
 from holdfast import validation
-from lab.identify.outcome import conclude
+from lab.identify.command import conclude
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -166,60 +166,48 @@ def moving(**arguments):
     return dive
 
 
-def test_a_release_ends_it_with_neutral():
-    dive = moving()
+ENDINGS = {
+    "released": lambda dive: dive.ask(Request.STOP),
+    "the pilot took an axis": lambda dive: dive.cockpit.push(heave=-1.0),
+    "armed": lambda dive: dive.fault("disarm", 0.1),
+}
+
+
+@pytest.mark.parametrize("reason", ENDINGS)
+def test_it_ends_with_neutral_and_says_why(reason):
+    dive = moving(pilot=reason.startswith("the pilot"))
     assert dive.engine.excitation != ZERO
-    dive.ask(Request.STOP)
+    ENDINGS[reason](dive)
     dive.go(5.0)
     assert dive.manoeuvre.done
-    assert "stop" in dive.manoeuvre.failure.lower() or "release" in dive.manoeuvre.failure.lower()
+    assert reason in dive.manoeuvre.failure
     assert not dive.manoeuvre.moved
-    dive.run(1.0)
     assert dive.engine.excitation == ZERO
-    assert dive.motors_rest()
-
-
-def test_a_stick_at_full_deflection_ends_it():
-    dive = moving(pilot=True)
-    dive.cockpit.push(heave=-1.0)
-    dive.go(3.0)
-    assert dive.manoeuvre.failure == "the pilot took an axis"
-    assert dive.engine.excitation == ZERO
-
-
-def test_a_disarmed_vehicle_ends_it():
-    dive = moving()
-    dive.fault("disarm", 0.1)
-    dive.go(3.0)
-    assert dive.manoeuvre.done
-    assert dive.manoeuvre.failure
     assert dive.state is not State.ACTIVE
 
 
-def test_what_is_too_far_ends_it():
-    dive = Identifying("load.enabled=true", "load.weight_n=140", "load.on_s=9", "load.off_s=99").go(40.0)
+@pytest.mark.parametrize(
+    ("plant", "arm", "lasts_s", "why"),
+    [
+        (("load.enabled=true", "load.weight_n=140", "load.on_s=9", "load.off_s=99"), True, 40.0, ""),
+        (("initial.eta=[0,0,0.9,0,0,0]",), True, 20.0, "at least 1.2 m"),
+        ((), False, 12.0, "not permitted to engage: "),
+    ],
+)
+def test_it_ends_or_does_not_begin_where_it_may_not(plant, arm, lasts_s, why, monkeypatch):
+    monkeypatch.setattr("companion.identify.manoeuvre.WAIT_S", 6.0)
+    dive = Identifying(*plant, arm=arm).go(lasts_s)
     assert dive.manoeuvre.done
     assert dive.manoeuvre.failure
+    assert why in dive.manoeuvre.failure
     assert not dive.manoeuvre.moved
+    dive.run(1.0)
+    assert not why or dive.motors_rest()
 
 
-def test_too_shallow_it_does_not_begin():
-    dive = Identifying("initial.eta=[0,0,0.9,0,0,0]").go(20.0)
-    assert "at least 1.2 m" in dive.manoeuvre.failure
-    assert not dive.manoeuvre.moved
-
-
-def test_without_permission_it_gives_up(monkeypatch):
-    monkeypatch.setattr("companion.identify.manoeuvre.WAIT_S", 6.0)
-    dive = Identifying(arm=False).go(12.0)
-    assert dive.manoeuvre.failure.startswith("not permitted to engage: ")
-    assert dive.motors_rest()
-
-
-def test_with_a_position_surge_sway_roll_and_pitch_are_identified_too():
+def test_with_a_position_surge_and_sway_are_identified_too():
     """The vehicle of the tank, whose motors start late: without their start every axis was wrong."""
-    levers = "thrusters.horizontal_m=[0.156,0.111,0.04]"
-    base = load_plant(DEFAULT_CONFIG.with_name("sim-tank-heavy.toml"), (*STILL, "sensors.dvl=true", levers))
+    base = load_plant(DEFAULT_CONFIG.with_name("sim-tank-heavy.toml"), (*STILL, "sensors.dvl=true"))
     plant = replace(base, initial=replace(base.initial, eta=(0.0, 0.0, 3.0, 0.0, 0.0, 0.0)))
     config = load_config()
     manoeuvre, log = manoeuvred(plant, config, SEED)
@@ -229,12 +217,6 @@ def test_with_a_position_surge_sway_roll_and_pitch_are_identified_too():
     for one in compare(plant, manoeuvre, found, log):
         if one.quantity == "mass" or (one.quantity.startswith("damping") and one.axis == "sway"):
             assert one.error == pytest.approx(0.0, abs=0.1), one
-    hull, (gain,) = plant.hull, plant.thrusters.gain
-    file, notes = vehicle(found, vehicle_of(config))
-    for number, inertia in enumerate((file.levelling.roll_inertia, file.levelling.pitch_inertia)):
-        true = (hull.inertia_kg_m2[number] + hull.added_mass[3 + number]) / gain
-        assert inertia == pytest.approx(true, rel=0.15)
-    assert file.levelling.lever_m == pytest.approx(plant.thrusters.horizontal_m[2], abs=0.003)
+    file, _ = vehicle(found, vehicle_of(config))
     assert file.thrusters.start_s == pytest.approx(plant.thrusters.start_s, abs=0.01)
-    assert notes["levelling.lever_m"].startswith("sd ")
     assert found.theta[START] == pytest.approx(plant.thrusters.start_s, abs=0.01)

@@ -62,7 +62,7 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
             recording.add(Item(key, encoding, payload, stamp, stamp))
         recording.add(Item("sim/kelp/truth", SCHEMA, encode(step.truth), stamp, stamp))
     event = telemetry.Event(t_s=0.0, boot_s=0.0, severity="warning", kind="autopilot", text="<b>leak</b>")
-    key, encoding = telemetry.event_key("kelp")
+    key, encoding = telemetry.published("kelp", "event")
     for at_ns in (UTC_NS + 500_000_000, stamp):
         recording.add(Item(key, encoding, msgspec.json.encode(event), at_ns, at_ns))
     recording.close()

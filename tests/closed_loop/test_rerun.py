@@ -90,7 +90,7 @@ def written(path: Path, ticks: list[telemetry.Raw], config: Config | None = None
     recording = Recording(path)
     if config is not None:
         recording.describe("config", {"json": readable(msgspec.json.encode(config))})
-    key, encoding = telemetry.raw_key("kelp")
+    key, encoding = telemetry.published("kelp", "raw")
     for raw in ticks:
         recording.add(Item(key, encoding, msgspec.msgpack.encode(raw), raw.tick, raw.tick))
     recording.close()
@@ -158,7 +158,7 @@ def test_the_configuration_of_an_older_file_has_a_text_for_each_key(
 ) -> None:
     recording = Recording(tmp_path / "x.mcap")
     recording.describe("config", {"heave.kappa_per_s": "7.5", "vehicle.frame": '"vectored_6dof"'})
-    key, encoding = telemetry.raw_key("kelp")
+    key, encoding = telemetry.published("kelp", "raw")
     recording.add(Item(key, encoding, msgspec.msgpack.encode(dive[20]), 1, 1))
     recording.close()
     tape = load([tmp_path / "x.mcap"])

@@ -1,11 +1,12 @@
 """The first dives of the campaign, and that it would notice."""
 
+from copy import deepcopy
+
 import pytest
 
 from companion.records import Condition, State, Verdict
-from lab.studies import fault_dives
-from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, Diving, InSimulator
-from lab.studies.fault_dives import FaultCase, FaultDives, case, dive_group
+from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, prepared
+from lab.studies.faults import FaultCase, FaultDives, case, dive, dive_group
 from lab.study import dived, parser_of, workforce
 from sim_bridge.fault_kinds import FAULT_KINDS
 
@@ -27,7 +28,7 @@ def test_the_numbers_draw_everything():
     cases = [case(number) for number in range(2000)]
     assert {fault.kind for one in cases for fault in one.faults} == set(FAULTS)
     assert {one.state for one in cases} == set(State)
-    assert {one.variant for one in cases} == set(range(len(VARIANTS)))
+    assert {one.variant for one in cases} == set(VARIANTS)
 
 
 def test_with_the_real_firmware_only_what_can_be_done_to_it_is_drawn():
@@ -36,44 +37,45 @@ def test_with_the_real_firmware_only_what_can_be_done_to_it_is_drawn():
     assert {one.state for one in cases} == set(State) - {State.HAND_OVER}
     assert not any(fault.message for one in cases for fault in one.faults)
     asked = [FAULTS[kind].begin for kind in ON_FIRMWARE]
-    assert all(FAULT_KINDS[begin.kind].on_firmware for begin in asked if isinstance(begin, InSimulator))
+    assert all(FAULT_KINDS[begin].on_firmware for begin in asked if isinstance(begin, str))
 
 
 @pytest.fixture(scope="module")
-def diving():
-    return Diving(0, State.ACTIVE)
+def active():
+    with prepared("heavy", State.ACTIVE, 0) as diving:
+        yield diving
 
 
 def noticed(diving, kind, value=0.5):
     """What is said of one more dive of the same vehicle."""
-    one = FaultCase(1, 0, State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
-    return fault_dives.forked(diving, one)["broken"]
+    one = FaultCase(1, "heavy", State.ACTIVE, (Broken(kind, 0.0, "", value),), fingers=False)
+    return dive(deepcopy(diving), one)["broken"]
 
 
-def test_it_would_notice_thrust_that_goes_on(diving, monkeypatch):
+def test_it_would_notice_thrust_that_goes_on(active, monkeypatch):
     monkeypatch.setitem(FAULTS, "disarmed", FAULTS["disarmed"]._replace(begin=lambda *_: None))
-    assert "still pushing" in noticed(diving, "disarmed")
+    assert "still pushing" in noticed(active, "disarmed")
 
 
-def test_it_would_notice_thrust_without_authority(diving, monkeypatch):
+def test_it_would_notice_thrust_without_authority(active, monkeypatch):
     monkeypatch.setattr("companion.engine.guard", lambda command, *_: command)
     monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _powerless)
-    assert "authority" in noticed(diving, "leak") or "thrust" in noticed(diving, "leak")
+    assert "authority" in noticed(active, "leak") or "thrust" in noticed(active, "leak")
 
 
 def _powerless(self, conditions, dt_s, details=()):
     return Verdict(State.FAULT, Condition(0), 0.5, "")
 
 
-def test_it_would_notice_an_exception(diving, monkeypatch):
+def test_it_would_notice_an_exception(active, monkeypatch):
     monkeypatch.setattr("companion.engine.guard", lambda *_: 1 / 0)
-    assert "ZeroDivisionError" in noticed(diving, "leak")
+    assert "ZeroDivisionError" in noticed(active, "leak")
 
 
 def test_it_would_notice_engaging_unasked(monkeypatch):
-    diving = Diving(0, State.IDLE)
-    monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _holding)
-    assert "engaged from IDLE" in noticed(diving, "doubled")
+    with prepared("heavy", State.IDLE, 0) as idle:
+        monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _holding)
+        assert "engaged from IDLE" in noticed(idle, "doubled")
 
 
 def _holding(self, conditions, dt_s, details=()):
@@ -81,4 +83,4 @@ def _holding(self, conditions, dt_s, details=()):
 
 
 def test_a_dive_is_its_number():
-    assert dive_group([7])[0] == dive_group([7])[0]
+    assert [*dive_group([7])] == [*dive_group([7])]

@@ -9,7 +9,6 @@ from virtual import DEPTH_M, Dive, Somebody, active, hold, shared
 from companion.records import Condition, Request, State
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
 from companion.telemetry.event_log import EventLog
-from sim_bridge.firmware.failsafes import Failsafes
 
 STABILIZE, ALT_HOLD, SURFACE, POSHOLD, MANUAL = 0, 2, 9, 16, 19
 RAMP_S, HEARTBEAT_S = 1.0, 1.0
@@ -47,15 +46,9 @@ def ekf_bad(dive):
     dive.fault("ekf", value=2.0)
 
 
-class OneThatWarns(Failsafes):
-    """One of them holds, and only warns."""
-
-    active = property(lambda self: True)
-
-
 def own_failsafe(dive):
-    autopilot = dive.vehicle.autopilot
-    autopilot.failsafes = OneThatWarns(autopilot, rc_receiver=False, rebooted=False)
+    """One of the autopilot's holds, and only warns."""
+    dive.vehicle.autopilot.failing.add("battery")
 
 
 HANDED_OVER = {

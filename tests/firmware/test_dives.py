@@ -13,7 +13,7 @@ from lab.loop.dive import dive as scenario_dive
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
-from lab.studies.courses import COURSES, ROWS, sail
+from lab.studies.courses import COURSES, sail
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -290,11 +290,11 @@ def test_a_drained_battery_is_reported(holding):
 
 def test_ardusub_goes_after_the_path_in_guided_and_stays_in_poshold(ardusub):
     """It is late and drifts, but it goes where it is told: not another way round, and not away."""
-    stock = next(row for row in ROWS if row.name == "poshold_stock")
-    place, eight = COURSES[:2]
     base = load_plant(DEFAULT_CONFIG)
-    held = sail(stock, place, {}, base, 1, lasts_s=1.0, firmware=ardusub)
-    followed = sail(stock, eight, {}, base, 1, lasts_s=8.0, firmware=ardusub)
+    held, followed = (
+        sail("poshold_stock", COURSES[name], base, 1, lasts_s=lasts_s, firmware=ardusub)
+        for name, lasts_s in (("station", 1.0), ("lemniscate", 8.0))
+    )
     assert held.held
     assert followed.held
     assert np.ptp(held.reference, axis=0).max() == 0.0

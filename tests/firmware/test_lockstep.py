@@ -9,7 +9,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay, Lockstep
-from lab.studies.fault_dives import dive_group
+from lab.studies.faults import dive_group
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 

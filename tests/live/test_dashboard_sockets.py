@@ -13,9 +13,10 @@ from aiohttp import WSCloseCode, WSMsgType
 from waiting import in_a_loop
 
 from companion.telemetry.schemas import Reply
+from dashboard.vehicles import MOST_VEHICLES
 from dashboard.web import app, connections
 from dashboard.web.columns import empty_row
-from dashboard.web.fleet import MOST_VEHICLES, ROWS, Fleet, VehicleHistory
+from dashboard.web.fleet import ROWS, Histories, VehicleHistory
 from dashboard.web.options import DashboardOptions
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
@@ -87,7 +88,7 @@ async def test_a_release_waits_behind_no_vehicle_that_does_not_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With 31 names on Zenoh it took 12 s."""
-    seen = Fleet()
+    seen = Histories()
     seen.vehicles |= {f"v{number}": VehicleHistory(f"v{number}") for number in range(MOST_VEHICLES)}
     answers = msgspec.json.encode(Reply(done=True, said="released"))
     silent: list[str] = []
@@ -100,7 +101,7 @@ async def test_a_release_waits_behind_no_vehicle_that_does_not_answer(
         return None
 
     monkeypatch.setattr(Subscription, "ask", ask)
-    monkeypatch.setattr(app, "Fleet", lambda: seen)
+    monkeypatch.setattr(app, "Histories", lambda: seen)
     async with served(token="kelp") as opened, aiohttp.ClientSession() as client:
         address = str((await opened(1))._response.url.origin())  # noqa: SLF001
         headers = {"Origin": address, "Authorization": "Bearer kelp"}
@@ -133,7 +134,7 @@ async def test_who_reads_nothing_takes_little_memory_and_is_dropped(monkeypatch:
     full = VehicleHistory("kelp")
     for number in range(ROWS):
         full.ring.append(0.02 * number, empty_row())
-    seen = Fleet()
+    seen = Histories()
     seen.vehicles["kelp"] = full
     made: list[connections.Connection] = []
 
@@ -143,7 +144,7 @@ async def test_who_reads_nothing_takes_little_memory_and_is_dropped(monkeypatch:
             made.append(self)
 
     monkeypatch.setattr(connections, "Connection", Noted)
-    monkeypatch.setattr(app, "Fleet", lambda: seen)
+    monkeypatch.setattr(app, "Histories", lambda: seen)
     async with served() as opened, AsyncExitStack() as stack:
         await opened(1)  # it reads
         assert made[0].transport is not None

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from urllib.request import Request, urlopen
 
 import pytest
 from mcap.reader import make_reader
@@ -136,7 +135,7 @@ class SlowDisk(Disk):
         return super().write(data)
 
 
-def test_a_slow_recorder_delays_nobody_and_obeys(
+def test_a_slow_recorder_delays_nobody(
     tmp_path: Path, make_sample: Callable[..., ControlSample], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("dashboard.recording.recorder.Disk", SlowDisk)
@@ -157,27 +156,20 @@ def test_a_slow_recorder_delays_nobody_and_obeys(
         ticking.start()
         try:
             with recorder, Subscription("holdfast/kelp/loop", zenoh) as seen:
-                until(lambda: "recording to" in recorder.said)
+                until(lambda: bool(list(tmp_path.glob("*.mcap"))))
                 seen.take()
                 time.sleep(3.0)
                 came = seen.take()
                 assert len(came) > 0.8 * 3.0 / 0.02  # the others get theirs
                 assert publisher.dropped == 0
                 assert sorted(offered)[len(offered) // 2] < 0.001
-                stopped = recorder.switch(on=False)
-                assert stopped.done, stopped.said
-                assert "is complete" in stopped.said
-                begun = recorder.switch(on=True)
-                assert begun.done, begun.said
         finally:
             stop.set()
             ticking.join()
-    files = sorted(tmp_path.glob("*.mcap"))
-    assert len(files) == 2
-    for file in files:
-        reader = Reader(file)
-        assert len(list(reader)) > 0
-        assert reader.whole
+    (file,) = tmp_path.glob("*.mcap")
+    reader = Reader(file)
+    assert len(list(reader)) > 0
+    assert reader.whole
 
 
 @contextmanager
@@ -212,7 +204,7 @@ def test_on_a_busy_machine_nothing_is_lost(tmp_path: Path, make_sample: Callable
         Subscription("holdfast/kelp/recorder", zenoh) as seen,
     ):
         sample = make_sample()
-        until(lambda: "recording to" in recorder.said and bool(seen.take()))
+        until(lambda: bool(seen.take()))
         with on_one_busy_core(4):
             for tick in range(250):
                 publisher.offer(replace(sample, loop=replace(sample.loop, tick=tick)))
@@ -233,19 +225,13 @@ def test_on_a_busy_machine_nothing_is_lost(tmp_path: Path, make_sample: Callable
     assert last.lost == 0
 
 
-@pytest.mark.parametrize("command", ["record", "dashboard"])
 def test_a_recorder_whose_thread_fails_ends_the_process(
-    tmp_path: Path, make_sample: Callable[..., ControlSample], command: str
+    tmp_path: Path, make_sample: Callable[..., ControlSample]
 ) -> None:
     zenoh = f"tcp/127.0.0.1:{free_port()}"
-    arguments = {
-        "record": ["--out", str(tmp_path)],
-        "dashboard": ["--listen", f"127.0.0.1:{free_port()}", "--record", str(tmp_path)],
-    }
     broken = (
-        "import dashboard.recording.record as record, dashboard.commands as commands; "
-        f"record.DiveRecorder = None; raise SystemExit(commands.{command}("
-        f"['--connect', '{zenoh}', *{arguments[command]}]))"
+        "import dashboard.recording.record as record; record.DiveRecorder = None; "
+        f"raise SystemExit(record.main(['--connect', '{zenoh}', '--out', '{tmp_path}']))"
     )
     with Publisher("kelp", zenoh) as publisher:
         publisher.offer(make_sample())
@@ -254,31 +240,6 @@ def test_a_recorder_whose_thread_fails_ends_the_process(
         )
     assert ended.returncode == 1
     assert "recorder failed: TypeError" in ended.stderr
-
-
-def test_the_dashboard_records_what_it_shows(
-    tmp_path: Path, make_sample: Callable[..., ControlSample]
-) -> None:
-    zenoh = f"tcp/127.0.0.1:{free_port()}"
-    token, page = tmp_path / "token", f"127.0.0.1:{free_port()}"
-    token.write_text("0123456789abcdef")
-    command = ("dashboard", "--connect", zenoh, "--listen", page, "--record", str(tmp_path))
-    control = ("--allow-control", "--token-file", str(token))
-    with Publisher("kelp", zenoh) as publisher, running(*HOLDFAST, *command, *control):
-
-        def much() -> bool:
-            publisher.offer(make_sample(t_s=time.monotonic()))
-            return any(file.stat().st_size > 10_000 for file in tmp_path.glob("kelp-*.mcap"))
-
-        until(much)
-        headers = {"Origin": f"http://{page}", "Authorization": "Bearer 0123456789abcdef"}
-        button = Request(f"http://{page}/api/kelp/record", b'{"on": false}', headers)
-        with urlopen(button) as answer:
-            assert "is complete" in json.load(answer)["said"]
-    (path,) = tmp_path.glob("*.mcap")
-    reader = Reader(path)
-    assert len(list(reader)) > 100
-    assert reader.whole
 
 
 def holdfast(*arguments: str) -> "subprocess.CompletedProcess[str]":

@@ -54,7 +54,7 @@ def test_every_command_is_answered_and_told_as_an_event(
         assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
         gains = {"axis": "heave", "kappa_per_s": 9.0}
         assert seen.tell(VEHICLE, "gains", gains).value["kappa_per_s"] == 9.0
-        in_force = msgspec.json.decode(seen.ask(telemetry.config_key(VEHICLE)) or b"null")
+        in_force = msgspec.json.decode(seen.ask(telemetry.key(VEHICLE, "config")) or b"null")
         assert in_force["heave"]["kappa_per_s"] == 9.0
 
         command = ["--connect", seen.endpoint, VEHICLE]

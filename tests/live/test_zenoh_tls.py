@@ -104,8 +104,8 @@ def test_the_laptop_sees_and_may_not_command(
     vehicle = diving()
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
-        assert seen.ask(telemetry.config_key("kelp"), timeout_s=2.0) == b"{}"
-        answer = seen.ask(telemetry.command_key("kelp", "setpoint"), b"{}", timeout_s=1.0)
+        assert seen.ask(telemetry.key("kelp", "config"), timeout_s=2.0) == b"{}"
+        answer = seen.ask(telemetry.key("kelp", "command", "setpoint"), b"{}", timeout_s=1.0)
         assert answer is None
         assert seen.ask("holdfast/kelp/command/*", b"{}", timeout_s=1.0) is None
         assert seen.ask("holdfast/kelp/comman$*/setpoint", b"{}", timeout_s=1.0) is None

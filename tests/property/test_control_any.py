@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from companion.core import integrator, network, regressor
 from companion.core.bounds import limited, wrap
 from companion.core.compensator import BESIDE_OBSERVER, Signals
-from companion.core.law import combined_error, control_law, rov_law
+from companion.core.law import rov_law
 from companion.core.positioning import Model, inertia, jacobian, to_body, to_inertial
 
 some = st.floats(-100.0, 100.0)
@@ -57,17 +57,6 @@ def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, 
     assert math.isclose(2.0 * half, tau, rel_tol=1e-12, abs_tol=1e-300)
     pulls_back = sum(rov_law(0.0, 0.0, m, 0.0, e, 0.0, lam, kappa))
     assert np.sign(pulls_back) == -np.sign(e)
-
-
-@given(st.integers(1, 6), st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.data())
-def test_the_general_law_gives_minus_kappa_eps_for_any_order(n, lam, kappa, data):
-    x_tilde = data.draw(st.lists(st.floats(-10.0, 10.0), min_size=n, max_size=n))
-    f, d, x_d_n = (data.draw(some) for _ in range(3))
-    b = data.draw(st.sampled_from([-1.0, 1.0])) * data.draw(st.floats(0.1, 10.0))
-    u = control_law(f, b, d, x_d_n, x_tilde, lam, kappa)
-    eps_dot = combined_error([*x_tilde[1:], f + b * u + d - x_d_n], lam)
-    wanted = -kappa * combined_error(x_tilde, lam)
-    assert math.isclose(eps_dot, wanted, rel_tol=1e-7, abs_tol=1e-6)
 
 
 def learners(d_max):

@@ -14,14 +14,13 @@ from rich.console import Console
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.losses import Losses
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
-from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.terminal.feed import Feed
-from dashboard.terminal.watch import picture
+from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
+from dashboard.terminal.watch import Look, picture
+from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
-from dashboard.web.fleet import Fleet
+from dashboard.web.fleet import Histories
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
@@ -63,22 +62,21 @@ def wild(genuine: list[Sample]) -> Iterator[list[Sample]]:
 
 
 def test_watch_goes_on(genuine: list[Sample]) -> None:
-    feed = Feed("kelp")
+    fleet = Fleet(Vehicle)
     console = Console(file=StringIO(), width=80)
 
     def take(some: list[Sample]) -> None:
-        feed.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
-        feed.look(1.0, connected=True)
-        console.print(picture([feed], ""))
+        fleet.take([Message(key, payload) for key, _, payload in some], now_s=1.0)
+        console.print(picture(Look(fleet, 1.0)))
 
     for some in wild(genuine):
         take(some)
     take(genuine)
-    assert feed.complete
+    assert fleet.vehicles["kelp"].complete
 
 
 def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
-    fleet = Fleet()
+    fleet = Histories()
 
     def take(some: list[Sample]) -> None:
         truth = '{"t_s":%s,"disturbance":[%s,0,0,0,0,0]}'
@@ -91,7 +89,7 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
         take(genuine)
         vehicle = fleet.vehicles["kelp"]
         message_text(
-            status={**fleet.status(1.0), **vehicle.status(1.0)},
+            status={"vehicles": fleet.briefs(1.0), **vehicle.status(1.0)},
             events=vehicle.events_from(0),
             plan=vehicle.plan,
         )
@@ -101,7 +99,7 @@ def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:
 
 def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
     kept = recorder(tmp_path)
-    raw_key, raw_encoding = telemetry.raw_key("kelp")
+    raw_key, raw_encoding = telemetry.published("kelp", "raw")
     raw = telemetry.Raw(tick=1, now_s=12.0, heard=[(2**62, b"\xfe\x00")], out=[], ground=[(-1, b"a")])
     sides = [(raw_key, raw_encoding, msgspec.msgpack.encode(raw)), (raw_key, raw_encoding, b"\x91" * 100_000)]
     count = bad = 0

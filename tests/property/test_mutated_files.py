@@ -88,7 +88,7 @@ WRITERS: dict[str, Any] = {
 def test_a_damaged_log_is_read_or_refused(name, tmp_path, monkeypatch):
     monkeypatch.setattr(gate, "START_S", 100)
     file = WRITERS[name](dive(8.0), tmp_path / name)
-    readers: list[tuple[Any, tuple[Any, ...]]] = [(read, (file, "vectored_6dof", float))]
+    readers: list[tuple[Any, tuple[Any, ...]]] = [(read, (file, "vectored_6dof"))]
     if file.suffix == ".mcap":
         readers += [(load_log, ([file],)), (load_tape, ([file],))]
     all_read_or_refused(gate.bounded(attempts, [file], file, file.read_bytes(), readers, 25))

@@ -16,8 +16,7 @@ from lab.batch.stand_in import Links
 from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, ensemble, four, hold, positioned
-from lab.studies.corners import LONGEST_S, Cell, plant
-from lab.studies.limit_cycles import cycles_s
+from lab.studies.corners import LONGEST_S, Cell, cycles_s, plant
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault

@@ -8,8 +8,8 @@ import pytest
 from companion.config import load_config
 from holdfast import RefusedError
 from lab.loop.dive import Dive
-from lab.studies.competitors import FIRST_SEED, tuned, values_of
-from lab.studies.courses import COURSES, ROWS, TUNED_FILE
+from lab.studies.competitors import FIRST_SEED, tuned
+from lab.studies.courses import COURSES, ROWS
 from lab.studies.position import Courses
 from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -26,8 +26,13 @@ def track(north_m, heading_rad=0.0):
     return Dive(t_s, still, truth, np.full(100, 0.1), believed, force, saturated, always, ~always)
 
 
+def study(*options):
+    return Courses(parser_of(Courses).parse_args(options))
+
+
 def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
-    figures = track(0.02, 2.0 * math.pi - math.radians(1.0)).figures(0.0)
+    dived = track(0.02, 2.0 * math.pi - math.radians(1.0))
+    figures = dived.figures(0.0)
     assert figures["place_rms_mm"] == figures["place_peak_mm"] == pytest.approx(20.0)
     assert figures["believed_rms_mm"] == pytest.approx(10.0)
     assert figures["heading_rms_deg"] == pytest.approx(1.0)
@@ -35,73 +40,52 @@ def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
     assert figures["saturated_percent"] == 25.0
     assert figures["place_chatter_n"] == pytest.approx(5.0)
     assert figures["chatter_n"] == pytest.approx(1.0)
-
-
-def test_what_was_before_a_tick_does_not_count():
-    assert track(0.02).part(slice(25, None)).figures(0.0)["saturated_percent"] == 0.0
-    assert track(0.02).within(1.0, 9.0).t_s.min() >= 1.0
+    assert dived.part(slice(25, None)).figures(0.0)["saturated_percent"] == 0.0
+    assert dived.within(1.0, 9.0).t_s.min() >= 1.0
 
 
 def test_the_rival_steers_surge_and_sway_with_what_was_found():
-    rival = ROWS[1]
-    config = load_config(overrides=rival.overrides(values_of(rival, tuned(TUNED_FILE))))
-    assert (config.surge.law, config.sway.law, config.heave.law) == ("ppi", "ppi", "lyapunov")
-    assert config.laws["ppi"]["k_i"] == tuned(TUNED_FILE)["pid"]["laws.ppi.k_i"]
+    found = tuned()["ppi"]
+    config = load_config(overrides=ROWS["ppi"].overrides(load_config(), found, place=True))
+    assert (config.surge.law, config.sway.law, config.heave.law) == ("ppi_place", "ppi_place", "lyapunov")
+    assert config.laws["ppi_place"]["k_i"] == found["laws.ppi_place.k_i"]
 
 
-def test_every_course_dives_another_vehicle_for_another_seed():
-    base = load_plant(DEFAULT_CONFIG)
-    for course in COURSES:
-        one, two = course.plant(base, 1), course.plant(base, 2)
-        assert one.thrusters.gain != two.thrusters.gain
-        assert one.sensors.dvl
-        assert one.current.speed_m_s == course.current_m_s
+@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
+def test_every_course_dives_another_vehicle_for_another_seed(course):
+    one, two = (course.plant(load_plant(DEFAULT_CONFIG), seed) for seed in (1, 2))
+    assert one.thrusters.gain != two.thrusters.gain
+    assert one.sensors.dvl
+    assert one.current.speed_m_s == course.current_m_s
 
 
-def test_unknown_names_are_refused():
-    with pytest.raises(RefusedError, match="no such row: lqg; there are default, pid"):
-        study("--rows", "lqg")
-    with pytest.raises(RefusedError, match="no such scenario: calm"):
-        study("--scenarios", "calm")
-
-
-def test_ardusubs_own_rows_need_the_real_ardusub():
-    with pytest.raises(
-        RefusedError, match="row poshold: our simulator has no POSHOLD and GUIDED; use the real"
-    ):
-        study("--rows", "pid", "poshold")
-    assert {case.row for case in study().cases()} == {"default", "pid"}
-
-
-def seen(dived):
-    return {"true": dived.truth[:, :2].tolist(), "reference": dived.reference[:, :2].tolist()}
-
-
-def study(*options):
-    return Courses(parser_of(Courses).parse_args(options))
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--rows", "lqg"], "no such row: lqg; there are default, ppi"),
+        (["--scenarios", "calm"], "no such scenario: calm"),
+        (["--rows", "ppi", "poshold"], "row poshold: our simulator has no POSHOLD and GUIDED; use the real"),
+    ],
+)
+def test_what_cannot_dive_is_refused(options, says):
+    with pytest.raises(RefusedError, match=says):
+        study(*options)
+    assert {case.row for case in study().cases()} == {"default", "ppi"}
 
 
 def test_the_table_for_the_results_says_what_was_given_up():
     rows = [
-        {
-            "row": "pid",
-            "course": course.name,
-            "seed": FIRST_SEED + i,
-            "held": held,
-            "place_rms_mm": 20.0 + 10 * i,
-        }
-        for course in COURSES[:2]
-        for i, held in enumerate((True, course.name != "station"))
+        {"row": "ppi", "course": course, "seed": FIRST_SEED + i, "held": held, "place_rms_mm": 20.0 + 10 * i}
+        for course in ("station", "lemniscate")
+        for i, held in enumerate((True, course != "station"))
     ]
     table = study("--scenarios", "station", "lemniscate").summary(rows)
-    assert table["columns"] == ["place RMS, mm", "station", "lemniscate"]
-    assert table["rows"] == [["PID", "25†", "25"]]
+    assert table == {"columns": ["place RMS, mm", "station", "lemniscate"], "rows": [["P-PI", "25†", "25"]]}
 
 
 def test_a_picture_is_drawn(tmp_path):
-    rows = [
-        {"row": row.name, "course": COURSES[0].name, "seed": FIRST_SEED, "trace": seen(track(0.02))}
-        for row in ROWS[:2]
-    ]
+    dived = track(0.02)
+    trace = {"true": dived.truth[:, :2].tolist(), "reference": dived.reference[:, :2].tolist()}
+    rows = [{"row": row, "course": "station", "seed": FIRST_SEED, "trace": trace} for row in ROWS]
     (picture,) = study().draw(rows, tmp_path)
     assert picture.stat().st_size > 1000

@@ -198,7 +198,7 @@ class TestPresets:
     @pytest.mark.parametrize("strength", [1 / 3, 3.0])
     @pytest.mark.parametrize("name", presets())
     def test_each_is_in_the_ranges_with_a_third_and_with_three_times_its_thrust(self, name, strength):
-        """As `holdfast lab campaign --corners` tries them: what is written is for newtons of T200."""
+        """As `holdfast lab bench corners` tries them: what is written is for newtons of T200."""
         table = msgspec.to_builtins(load_vehicle(PRESETS / f"{name}.toml"))
         for section in (*AXES, "levelling"):
             for key in set(table[section]) & {*SCALED}:

@@ -88,11 +88,10 @@ def test_the_policy_lets_nothing_in_from_elsewhere() -> None:
         ("gains", b'{"axis": "heave", "kappa_per_s": 8}', b'{"axis":"heave","kappa_per_s":8.0}'),
         ("estimator", b'{"axis":"yaw","rate_noise":0.1}', b'{"axis":"yaw","rate_noise":0.1}'),
         ("compensator", b'{"axis":"sway","compensator":"none"}', b'{"axis":"sway","compensator":"none"}'),
-        ("record", b'{"on":true}', b'{"on":true}'),
     ],
 )
 def test_a_command_leaves_as_the_contract_says(name: str, body: bytes, payload: bytes) -> None:
-    assert msgspec.json.encode(parse(name, body or b"{}", vocabulary.ALL_COMMANDS)) == payload
+    assert msgspec.json.encode(parse(name, body or b"{}")) == payload
 
 
 @pytest.mark.parametrize(
@@ -110,13 +109,12 @@ def test_a_command_leaves_as_the_contract_says(name: str, body: bytes, payload: 
         ("gains", b'{"axis":"heave","kappa_per_s":51}', "must be 0.05 to 50"),
         ("gains", b'{"axis":"roll","kappa_per_s":1}', "must be one of surge, sway, heave, yaw"),
         ("gains", b'{"kappa_per_s":1}', "axis: missing"),
-        ("record", b"{}", "on: missing"),
         ("release", b"[" * 4000, "release takes"),
     ],
 )
 def test_what_is_no_command_never_leaves(name: str, body: bytes, says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        parse(name, body, vocabulary.ALL_COMMANDS)
+        parse(name, body)
 
 
 def test_control_has_to_be_asked_for(tmp_path: Path) -> None:
@@ -162,11 +160,6 @@ def test_a_wrong_option_is_explained(
     Path("short").write_text("short")
     with pytest.raises(ValueError, match=says):
         settings(argv)
-
-
-def test_it_records_only_where_told(tmp_path: Path) -> None:
-    assert settings([]).record is None
-    assert settings(["--record", str(tmp_path)]).record == tmp_path
 
 
 def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:

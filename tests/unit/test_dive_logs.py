@@ -25,13 +25,13 @@ from dive_logs import (
 
 from companion.config import PRESETS, load_vehicle
 from companion.identify import fit, model
-from companion.identify.model import DELAY, LAG, START, Track, parameters, score
+from companion.identify.model import DELAY, LAG, START, Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES
 from holdfast import RefusedError
 from holdfast.gate import bounded
 from lab import commands
-from lab.identify.outcome import held
+from lab.identify.command import held
 from lab.identify.readers import read
 
 FRAME = "vectored_6dof"
@@ -72,6 +72,11 @@ def check(log):
 @pytest.mark.parametrize("name", WRITERS)
 def test_each_kind_of_log_gives_the_dive_that_was_written(name, tmp_path):
     check(read(WRITERS[name](SHORT, tmp_path / name), FRAME))
+
+
+def scored(log, vehicle):
+    track = Track(log, FRAME)
+    return model.score([track], [track.settled(parameters(vehicle))])
 
 
 def notes_of(log):
@@ -293,7 +298,7 @@ def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
     assert not np.isfinite(log.velocity[:, :2]).any()
     assert "measured: vertical speed, turn rate;" in held(log)[0]
-    row = score([Track(log, FRAME)], parameters(load_vehicle(PRESETS / "heavy.toml")), 1.0)
+    row = scored(log, load_vehicle(PRESETS / "heavy.toml"))["1"]
     assert row["surge"] is row["sway"] is None
     assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
 
@@ -314,8 +319,7 @@ def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
     assert found.theta[[LAG, START, DELAY]].sum() == pytest.approx(LAG_S + START_S, abs=0.02)
     vehicle, notes = fit.vehicle(found, load_vehicle(PRESETS / "heavy.toml"))
     assert notes["surge.mass"].startswith("sd ")
-    assert notes["levelling.roll_inertia"] == "not identified"
-    fitted = score([track], parameters(vehicle), 2.0)
+    fitted = scored(log, vehicle)["2"]
     assert max(fitted[axis] or 0.0 for axis in AXES) < 0.02
 
 
@@ -341,7 +345,7 @@ def test_a_log_whose_commands_are_stamped_late_gives_the_vehicle_and_how_late_th
 def test_a_score_finds_each_log_s_constant_force_and_timing(base, tmp_path):
     found = fit.fit([Track(read(write_csv(dive(60.0), tmp_path / "one.csv"), FRAME), FRAME)], base)
     other = write_csv(dive(60.0, 2, force=FORCE), tmp_path / "other.csv", late_s=0.2)
-    row = score([Track(read(other, FRAME), FRAME)], parameters(fit.vehicle(found, base)[0]), 2.0)
+    row = scored(read(other, FRAME), fit.vehicle(found, base)[0])["2"]
     assert max(row[axis] or 0.0 for axis in AXES) < 0.03
 
 
@@ -388,10 +392,3 @@ def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
         commands.identify(["--from", "--help"])
     assert ended.value.code == 0
     assert "examples:" in capsys.readouterr().out
-
-
-def test_a_large_log_says_how_far_it_is(long_dive, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("lab.identify.command.SHOWN_BYTES", 1000)
-    path = write_tlog(long_dive, tmp_path / "dive.tlog")
-    assert commands.identify(["--test", str(path), "--json"]) == 0
-    assert [line[:9] for line in capsys.readouterr().err.splitlines()] == ["reading: "] * 3

@@ -32,8 +32,7 @@ def refusing():
     raise ValueError("is no dive")
 
 
-def talking(progress):
-    progress(0.5)
+def talking():
     sys.stdout.write("DFFormat: unsupported\n")
     return "read"
 
@@ -54,10 +53,8 @@ def test_it_is_refused_in_words(reader, says, monkeypatch):
         gate.bounded(reader, [])
 
 
-def test_what_is_read_comes_back_with_its_progress_and_without_a_librarys_words(capfd):
-    shares: list[float] = []
-    assert gate.bounded(talking, [], progress=shares.append) == "read"
-    assert shares == [0.5]
+def test_what_is_read_comes_back_without_a_librarys_words(capfd):
+    assert gate.bounded(talking, []) == "read"
     assert capfd.readouterr().out == ""
 
 

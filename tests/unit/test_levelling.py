@@ -14,6 +14,8 @@ from companion.core.levelling import (
     LEAST_SHARE,
     MOST_TRIMMED_RAD,
     START,
+    Response,
+    Turn,
     levelling_of,
     rested,
     step,
@@ -44,6 +46,13 @@ class Vehicle:
         self.states = [START, START]
 
 
+def stepped(
+    part, state, angle, rate, force, delay_s=NEAR_S, *, learn=True, gain=1.0, lag_s=LAG_S, adapts=True
+):
+    turn = Turn(angle, rate, force, moment=0.0, learns=learn, straight=True)
+    return step(part, state, turn, Response(delay_s, gain, lag_s, adapts), TICK_S)
+
+
 def moments(
     angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False, gain=1.0, lag_s=LAG_S
 ):
@@ -51,7 +60,7 @@ def moments(
     vehicle = of or Vehicle()
     X, Y = force
     found = [
-        step(part, state, angle, rate, push, delay_s, TICK_S, learn, gain, lag_s, True)
+        stepped(part, state, angle, rate, push, delay_s, learn=learn, gain=gain, lag_s=lag_s)
         for part, state, angle, rate, push in zip(
             vehicle.parts, vehicle.states, angles, rates, (Y, X), strict=True
         )
@@ -90,7 +99,7 @@ def tried(true_m, told_m, ticks, *, moving=True, adapts=True, askew_nm=0.0):
     roll, state, sent, angle, rate = levelling_of(0.4, OMEGA, told_m, 12.0, LAG_S), START, 0.0, 0.0, 0.0
     for tick in range(ticks):
         force = (20.0 + 15.0 * math.sin(0.5 * tick * TICK_S)) if moving else 0.0
-        state, sent = step(roll, state, angle, rate, force, NEAR_S, TICK_S, True, 1.0, LAG_S, adapts)
+        state, sent = stepped(roll, state, angle, rate, force, adapts=adapts)
         rate += TICK_S * (sent - true_m * force + askew_nm - 0.5 * rate) / 0.4
         angle += TICK_S * rate
     return state, state.lever.lever_m + told_m
@@ -154,7 +163,7 @@ def test_a_late_loop_holds_it_in_a_current_and_waves(delay_s):
     angle = rate = moment = 0.0
     tilts = []
     for tick in range(1000):
-        state, asked = step(roll, state, angle, rate, 54.0, delay_s, TICK_S, True, 1.0, LAG_S, True)
+        state, asked = stepped(roll, state, angle, rate, 54.0, delay_s)
         sent.append(asked - roll.lever_m * 54.0)
         for _ in range(4):
             moment += (sent[-1 - round(delay_s / TICK_S)] - moment) * 0.25 * TICK_S / LAG_S

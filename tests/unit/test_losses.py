@@ -9,8 +9,7 @@ from msgspec.structs import replace
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.losses import Losses
-from dashboard.recording.recorder import DiveRecorder, FileLimits
+from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
 
 MakeSample = Callable[..., ControlSample]
 KEYS = len(telemetry.EVERY_TICK)

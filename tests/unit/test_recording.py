@@ -15,8 +15,16 @@ from mcap.stream_reader import StreamReader
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.json_schema import schema_of
-from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Disk, Item, Reader, Recording
+from dashboard.recording.mcap_file import (
+    FREE_BYTES,
+    MAGIC,
+    MAX_RATIO,
+    Disk,
+    Item,
+    Reader,
+    Recording,
+    schema_of,
+)
 from dashboard.recording.record import main as record_main
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
@@ -107,7 +115,9 @@ def test_foxglove_understands_every_schema(name: str) -> None:
 def test_truth_and_raw_ticks_have_a_schema_in_the_file(tmp_path: Path) -> None:
     raw = telemetry.Raw(tick=1, now_s=1.0, heard=[(1, b"a")], out=[b"b"])
     recording = Recording(tmp_path / "a.mcap")
-    recording.add(Item("holdfast/kelp/raw", telemetry.raw_key("kelp")[1], msgspec.msgpack.encode(raw), 1, 1))
+    recording.add(
+        Item("holdfast/kelp/raw", telemetry.published("kelp", "raw")[1], msgspec.msgpack.encode(raw), 1, 1)
+    )
     recording.add(Item("sim/kelp/truth", telemetry.TRUTH_ENCODING, b'{"t_s": 1.0}', 2, 2))
     recording.close()
     with (tmp_path / "a.mcap").open("rb") as file:
@@ -280,7 +290,7 @@ def test_a_companion_that_starts_anew_gets_new_times(tmp_path: Path, make_sample
 def test_a_raw_tick_that_comes_twice_is_kept_once(tmp_path: Path) -> None:
     kept = recorder(tmp_path)
     kept.start(UTC_NS)
-    key, encoding = telemetry.raw_key("kelp")
+    key, encoding = telemetry.published("kelp", "raw")
     frame = b"\xfd\x02\x00\x00\x07\x01\x01\x00\x00\x00ab\x00\x00"
     for tick in (1, 2, 3, 1, 2, 3, 4):
         raw = telemetry.Raw(tick=tick, now_s=0.02 * tick, heard=[(tick, frame)], out=[frame])

@@ -47,7 +47,7 @@ def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) ->
     for file in (source, field):
         file.parent.mkdir(parents=True)
         file.write_text("KAPPA = 3.5\n", encoding="utf-8")
-    measured = provenance("holdfast lab bench tank") | {"code": measured_code(tmp_path)}
+    measured = provenance("holdfast lab bench reality") | {"code": measured_code(tmp_path)}
     field.write_text("KAPPA = 3.5\nSALINITY = 35.0\n", encoding="utf-8")
     for line, said in (
         ('"""The law."""\nKAPPA  = 3.5  # per second\n', "same code"),

@@ -321,7 +321,7 @@ def test_position_modes_are_refused_in_ardusubs_words(mode, name):
     assert located.rov.truth().mode == MANUAL
 
 
-@pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, SURFACE, MANUAL, 1, 21, 77])
+@pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, SURFACE, MANUAL, 77])
 def test_modes_without_a_position_can_be_set_while_disarmed_and_unknown_ones_not(mode):
     station = Station(vehicle())
     assert set_mode(station, mode).result(SET_MODE) == (4 if mode == 77 else 0)
@@ -470,13 +470,6 @@ def test_whoever_turned_in_manual_is_turned_back_at_first_by_stabilize():
     assert abs(turned[-1]) < 0.05
 
 
-def test_acro_reads_a_neutral_throttle_as_full_down():
-    station = Station(vehicle(DEEP)).arm(1)
-    station.run(1.0, override())
-    assert station.rov.truth().nu[2] > 0.3
-    assert min(station.rov.truth().motor_pwm[4:]) > 1800
-
-
 def test_surface_climbs_to_the_surface():
     """And holds there, in ALT_HOLD: the firmware leaves SURFACE by itself, and says so by its heartbeat."""
     station = Station(vehicle("initial.eta=[0, 0, 3, 0, 0, 0]")).arm(SURFACE)
@@ -548,12 +541,6 @@ def test_autopilot_version_and_no_home():
     unknown = station.command(REQUEST, 242).run(0.05)
     assert unknown.result(REQUEST) == 0
     assert not unknown.of("HOME_POSITION"), "known to the firmware, and nothing to tell"
-    for number in (
-        mavlink.MAV_CMD_DO_SET_HOME,
-        mavlink.MAV_CMD_GET_HOME_POSITION,
-        mavlink.MAV_CMD_DO_SET_SERVO,
-    ):
-        assert station.command(number, 9, 1600, 0, 0, 47.5, -2.5, 0).run(0.05).result(number) == 4
     assert station.command(REQUEST, 99999).run(0.05).result(REQUEST) == 4
 
 

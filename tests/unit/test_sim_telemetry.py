@@ -9,8 +9,6 @@ from builders import STILL_SENSORS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import ARM, SET_INTERVAL, SET_MODE, STABILIZE, Station, override, vehicle
 
-from sim_bridge.firmware.messages import statustexts
-
 QUIET = [f"sensors.{name}=0.0" for name in STILL_SENSORS]
 STEADY = "initial.eta=[0, 0, 5, 0, 0, 0]"
 ORIGIN = mavlink.MAVLink_set_gps_global_origin_message(1, 470000000, 80000000, 0)
@@ -229,11 +227,6 @@ def test_local_position_needs_a_dvl():
     assert (position.x, position.y, position.z) == pytest.approx((3, 4, 5), abs=0.15)
 
 
-def test_the_truth_of_the_simulator_is_told():
-    station = Station(vehicle("initial.eta=[0, 0, 5, 0.1, 0, 1.0]"))
-    assert station.run(1.0).last("SIMSTATE").yaw == pytest.approx(1.0, abs=0.05)
-
-
 def test_battery_sags_under_load():
     rov = vehicle("battery.resistance_ohm=0.02", STEADY)
     station = Station(rov).arm()
@@ -249,9 +242,13 @@ def test_battery_sags_under_load():
 
 
 def test_long_texts_come_in_chunks_of_50_bytes():
-    chunks = statustexts(4, "x" * 120, 3)
-    assert [(len(c.text), c.id, c.chunk_seq) for c in chunks] == [(50, 3, 0), (50, 3, 1), (20, 3, 2)]
-    assert (statustexts(4, "short", 3)[0].id) == 0
+    rov = vehicle()
+    station = Station(rov)
+    rov.autopilot.say(4, "x" * 120)
+    chunks = station.run(0.05).of("STATUSTEXT")
+    assert [(len(c.text), c.id, c.chunk_seq) for c in chunks] == [(50, 1, 0), (50, 1, 1), (20, 1, 2)]
+    rov.autopilot.say(4, "short")
+    assert station.run(0.05).last("STATUSTEXT").id == 0
 
 
 def test_same_seed_same_bytes_other_seed_others():

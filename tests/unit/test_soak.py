@@ -1,7 +1,6 @@
 """The soak's own sums, and that it would notice."""
 
 import json
-import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,27 +8,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-import holdfast
 from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations import soak
-from lab.operations.soak import ChildError, Heard, Minute, figures
-from lab.usage import Memory, memory_kb, slope
+from lab.operations.soak import ChildError, Heard, Minute, allocated_kb, figures
 
 
-def test_the_slope_of_a_line_is_found_and_how_sure_it_is() -> None:
-    exact = slope([0.0, 1.0, 2.0, 3.0], [5.0, 7.0, 9.0, 11.0])
-    assert exact.slope == pytest.approx(2.0)
-    assert exact.error == pytest.approx(0.0, abs=1e-9)
-    assert slope([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 0.0, 1.0]).error > 0.1
-    assert math.isnan(slope([0.0, 1.0], [0.0, 1.0]).slope)
-
-
-def test_what_a_process_allocates_is_seen() -> None:
-    before = memory_kb(os.getpid())
-    kept = os.urandom(40_000_000)
-    assert memory_kb(os.getpid()).own - before.own == pytest.approx(39_000.0, abs=8_000.0)
-    del kept
+def test_what_a_process_allocates_is_counted() -> None:
+    assert 10_000.0 < allocated_kb(os.getpid()) < 10_000_000.0
 
 
 def test_leaving_active_is_counted_by_its_reason() -> None:
@@ -43,7 +29,7 @@ def test_leaving_active_is_counted_by_its_reason() -> None:
 
 
 def _minute(number: int) -> Minute:
-    return Minute(60.0 * number, {"run": Memory(51_200.0, 1_000.0 * number)}, [0.1] * 99 + [float(number)])
+    return Minute(60.0 * number, {"run": 50_000.0 + 40.0 * number}, [0.1] * 99 + [float(number)])
 
 
 def _recorder(lost: int) -> telemetry.Recorder:
@@ -64,7 +50,7 @@ def _recorder(lost: int) -> telemetry.Recorder:
 def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
     found = figures(Heard(recorder=_recorder(0)), [_minute(number) for number in range(1, 31)])
     assert found["run_memory_mb"] == 50.0
-    assert found["run_slope_kb_h"] == pytest.approx(60_000.0)
+    assert found["run_slope_kb_h"] == pytest.approx(2_400.0)
     assert (found["lateness_p50_ms"], found["lateness_max_ms"]) == (0.1, 30.0)
     assert (found["records"], found["records_lost"]) == (9, 0)
 
@@ -87,12 +73,3 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
     assert written["records_lost"] == lost
     assert written["lateness_max_ms"] == 1.0
     assert ("ended" in written["error"]) == dies
-
-
-GONE = ("lab bench process", "lab bench zenoh", "lab bench fleet", "lab bench dashboard", "demo --dvl")
-
-
-@pytest.mark.parametrize("command", GONE)
-def test_what_went_says_what_to_use(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert holdfast.main([*command.split(), "--seconds", "3"]) == 2
-    assert f"holdfast {command} was removed" in capsys.readouterr().err

@@ -47,7 +47,7 @@ def test_it_is_the_same_table(saved, tmp_path):
     plain = write_csv(dive(12.0), tmp_path / "plain.csv")
     other = tmp_path / "other.csv"
     other.write_bytes(SAVED[saved](plain.read_text(encoding="utf-8")))
-    expected, table = read(plain, FRAME, print), read(other, FRAME, print)
+    expected, table = read(plain, FRAME), read(other, FRAME)
     np.testing.assert_allclose(table.command_s, expected.command_s, atol=1e-5)
     np.testing.assert_allclose(table.commands, expected.commands)
     np.testing.assert_allclose(table.velocity, expected.velocity, atol=1e-5)
@@ -66,4 +66,4 @@ def test_a_refusal_quotes_what_was_found(text, says, tmp_path):
     file = tmp_path / "dive.csv"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(NoDiveError, match=says):
-        read(file, FRAME, print)
+        read(file, FRAME)

@@ -34,9 +34,3 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_first_dive(capsys)
     with pytest.raises(SystemExit):
         holdfast.main(["lab", "bench", "dives", "--table", "dives.parquet"])
     assert "must end in .csv; pandas or pyarrow" in capsys.readouterr().err
-
-
-def test_a_cluster_is_gone_and_the_command_says_what_to_use(capsys):
-    with pytest.raises(SystemExit):
-        holdfast.main(["lab", "campaign", "--scheduler", "tcp://127.0.0.1:1"])
-    assert "use --workers" in capsys.readouterr().err

@@ -32,7 +32,7 @@ def test_keys_name_vehicle_and_schema() -> None:
         "holdfast/kelp/supervisor": "application/json;holdfast.Supervisor.v1",
         "holdfast/kelp/loop": "application/json;holdfast.Loop.v1",
     }
-    assert telemetry.alive_key("kelp", "7") == "holdfast/kelp/alive/7"
+    assert telemetry.key("kelp", "alive", "7") == "holdfast/kelp/alive/7"
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "*", "rov$1", "a?b", "a#b"])
@@ -182,6 +182,6 @@ def test_a_raw_tick_comes_back_as_it_left() -> None:
 
 
 def test_the_recorders_status_is_known_under_its_key() -> None:
-    key, encoding = telemetry.recorder_key("kelp")
+    key, encoding = telemetry.published("kelp", "recorder")
     assert (key, encoding) == ("holdfast/kelp/recorder", "application/json;holdfast.Recorder.v1")
     assert telemetry.decode(key, msgspec.json.encode(RECORDING)) == RECORDING

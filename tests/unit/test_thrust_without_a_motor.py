@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from companion.core.allocation import allocate, can_lose, delivered, overloaded, thrusters, without
+from companion.core.allocation import allocate, can_lose, delivered, overloaded, thrusters, without_motor
 from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.physics.thrusters import each_motor, static_thrust, thrusters_of, wrench
@@ -20,7 +20,7 @@ LEVER_M = 0.085
 def heavy_without(dead):
     """The Heavy's thrusters that go on."""
     assert can_lose(HEAVY, dead)
-    return without(HEAVY, dead)
+    return without_motor(HEAVY, dead)
 
 
 def true_wrench(axes, dead, root):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.core import thruster_watch
-from companion.core.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without
+from companion.core.allocation import FACTORS, PER_NEWTON, allocate, delivered, thrusters, without_motor
 from companion.core.thruster_watch import EXCUSED_S, START, Levers, Parameters, rest
 
 DT_S = 0.02
@@ -40,7 +40,7 @@ class Body:
             axes, _ = allocate(HEAVY, (X, Y, Z, N, K, M), 16.0, REACH)
             given = np.array(delivered(HEAVY, axes, 16.0))
             if dead:
-                left = np.array(delivered(without(HEAVY, dead), axes, 16.0))
+                left = np.array(delivered(without_motor(HEAVY, dead), axes, 16.0))
                 given = left + self.keeps * (given - left)
                 given += self.stuck_n * np.array(FACTORS["vectored_6dof"][dead - 1]) * PER_NEWTON
             moment = np.array([given[4] - 0.085 * given[1], given[5] + 0.085 * given[0], given[3]])

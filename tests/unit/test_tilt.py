@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from companion.assembly import tilt_limit
 from companion.config import load_config
-from companion.core import pace
 from companion.core.tilt import (
     CUT,
     FAST_N_PER_S,
@@ -22,7 +21,9 @@ from companion.core.tilt import (
     body_force,
     coming_tilt,
     level_force,
+    pace,
     share,
+    slowed,
     start,
     step,
 )
@@ -132,20 +133,20 @@ def test_a_wave_that_tilts_a_levelled_vehicle_leaves_the_force_that_holds_a_curr
 
 
 def test_what_saturates_is_slowed_and_comes_back():
-    now = pace.step(1.0, False, TICK_S)
+    now = pace(1.0, False, TICK_S)
     assert now == 1.0
     for _ in range(500):
-        now = pace.step(now, True, TICK_S)
+        now = pace(now, True, TICK_S)
     assert now == LEAST_PACE
     for _ in range(500):
-        now = pace.step(now, False, TICK_S)
+        now = pace(now, False, TICK_S)
     assert now == 1.0
 
 
 def test_a_tilt_slows_and_stops_nothing():
-    assert pace.on_a_tilt(1.0, 0.5) == 0.5
-    assert pace.on_a_tilt(0.3, 0.5) == 0.3
-    assert pace.on_a_tilt(1.0, 0.0) == LEAST_PACE
+    assert slowed(1.0, 0.5) == 0.5
+    assert slowed(0.3, 0.5) == 0.3
+    assert slowed(1.0, 0.0) == LEAST_PACE
 
 
 def test_a_levelled_vehicle_that_tilted_once_soon_pushes_against_a_current_again():

@@ -1,7 +1,7 @@
 """The terminal view: a pure picture of what came, and honest about what did not."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from io import StringIO
 
 import msgspec
@@ -14,15 +14,15 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import STATES, holder
 from dashboard.terminal import watch
-from dashboard.terminal.feed import Feed, Feeds
-from dashboard.terminal.watch import picture
+from dashboard.terminal.watch import Look, picture
+from dashboard.vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
 
 
 def test_a_sample_is_on_the_screen_and_nothing_is_cut_off(make_sample: MakeSample) -> None:
-    screen = _screen(_feed(make_sample()))
+    screen = _screen(_fleet(make_sample()))
     lines = screen.splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) == 80
@@ -39,22 +39,14 @@ def test_a_sample_is_on_the_screen_and_nothing_is_cut_off(make_sample: MakeSampl
     ):
         assert words in " ".join(screen.replace("│", " ").split())
     assert "…" not in screen, "something was cut off"
-
-
-def test_each_degree_of_freedom_says_what_it_does(make_sample: MakeSample) -> None:
-    screen = _screen(_feed(make_sample()))
-    (heading,) = _rows(screen, "heading")
-    assert "not held" in heading
-    (north,) = _rows(screen, "north")
-    assert "SATURATED" in north
-    (east,) = _rows(screen, "east")
-    assert "learning" in east
+    for name, doing in (("heading", "not held"), ("north", "SATURATED"), ("east", "learning")):
+        assert doing in _rows(screen, name)[0]
 
 
 def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None:
     sample = make_sample(stale=(True, True, True, False), ages=Ages(4.0, 4.0, 3.0, 0.02, math.inf))
     sample = replace(sample, verdict=replace(sample.verdict, conditions=Condition.LINK_LOST))
-    screen = _screen(_feed(sample))
+    screen = _screen(_fleet(sample))
     (depth,) = _rows(screen, "depth")
     assert "STALE 3 s" in depth
     assert f"{sample.dofs.x[2]:.3f} m" in depth
@@ -66,8 +58,8 @@ def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None
 def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
     sample = make_sample(voltage_v=math.nan)
     nowhere = (math.nan, math.nan, 5.0, 0.5)
-    sample = replace(sample, dofs=replace(sample.dofs, x=nowhere))
-    screen = _screen(_feed(sample))
+    sample = replace(sample, dofs=sample.dofs._replace(x=nowhere))
+    screen = _screen(_fleet(sample))
     assert "battery –" in screen
     assert "0.000 m" not in _rows(screen, "north")[0]
 
@@ -76,7 +68,7 @@ def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
 def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None:
     sample = make_sample()
     sample = replace(sample, verdict=replace(sample.verdict, state=state, conditions=Condition(0), reason=""))
-    screen = _screen(_feed(sample))
+    screen = _screen(_fleet(sample))
     assert state.value.replace("_", " ") in screen
     said = sample.state
     who = holder(state, guidance=sample.guided.kind, armed=said.armed, mode=said.mode)
@@ -84,8 +76,8 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
 
 
 def test_how_far_the_autopilots_depth_is_off_stays_on_the_screen(make_sample: MakeSample) -> None:
-    assert "zero moved" not in _screen(_feed(make_sample()))
-    screen = _screen(_feed(make_sample(depth_offset_m=-0.4)))
+    assert "zero moved" not in _screen(_fleet(make_sample()))
+    screen = _screen(_fleet(make_sample(depth_offset_m=-0.4)))
     assert "the autopilot's depth, whose zero moved, is -0.40 m off" in screen
 
 
@@ -97,7 +89,7 @@ def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSamp
         reason="waiting for: arming",
         conditions=Condition.DISARMED | Condition.YAW_RESET | Condition.ENGAGE_ASKED,
     )
-    assert "waiting for: arming; the EKF reset its yaw " in _screen(_feed(replace(sample, verdict=waits)))
+    assert "waiting for: arming; the EKF reset its yaw " in _screen(_fleet(replace(sample, verdict=waits)))
 
 
 def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: MakeSample) -> None:
@@ -105,7 +97,7 @@ def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: Mak
     lost = replace(
         sample.verdict, state=State.PILOT, conditions=Condition.LINK_LOST, remedy="look at cable and router"
     )
-    screen = _screen(_feed(replace(sample, verdict=lost)))
+    screen = _screen(_fleet(replace(sample, verdict=lost)))
     assert "to do: look at cable and router" in screen
     assert screen.splitlines()[1].split()[1:3] == ["LINK", "LOST"]
     assert STATES["PILOT"].text not in screen
@@ -114,42 +106,30 @@ def test_the_remedy_is_shown_and_a_lost_link_outranks_the_state(make_sample: Mak
 def test_a_companion_that_died_while_active_leaves_no_armed_vehicle_on_the_screen(
     make_sample: MakeSample,
 ) -> None:
-    feed = Feed("kelp")
-    feed.take(_messages(make_sample(t_s=100.0, armed=True)), now_s=7.0)
-    shown = " ".join(_screen(feed, 20.0).split())
-    assert "It was ACTIVE and armed." in shown
-    assert "the autopilot disarms 3 s" in shown
-    assert "was ARMED" in shown
+    fleet = _fleet(make_sample(t_s=100.0, armed=True), now_s=7.0)
+    assert "STALE" not in _screen(fleet, 7.2)
+    assert "STALE: nothing new for 1.0 s" in _screen(fleet, 8.0)
+    assert "not connected" in _screen(fleet, 8.0, connected=False)
+    shown = " ".join(_screen(fleet, 20.0).split())
+    for words in ("It was ACTIVE and armed.", "the autopilot disarms 3 s", "was ARMED"):
+        assert words in shown
     assert "Start `holdfast run`" not in shown
-
-
-def test_data_turn_stale_within_a_second(make_sample: MakeSample) -> None:
-    feed = Feed("kelp")
-    feed.take(_messages(make_sample(t_s=100.0)), now_s=7.0)
-    assert "STALE" not in _screen(feed, 7.2)
-    late = _screen(feed, 8.0, connected=False)
-    assert "STALE: nothing new for 1.0 s" in late
-    assert "not connected" in late
 
 
 @pytest.mark.parametrize(("stamps_s", "old_s"), [((100.0, 101.0), 2.1), ((5000.0, 20.0), 0.1)])
 def test_what_was_held_up_is_old_and_a_clock_that_starts_again_is_not(make_sample, stamps_s, old_s):
-    feed = Feed("kelp")
+    fleet = Fleet(Vehicle)
     for t_s, now_s in zip(stamps_s, (7.0, 10.0), strict=True):
-        feed.take(_messages(make_sample(t_s=t_s)), now_s=now_s)
-    feed.look(10.1, connected=True)
-    assert feed.age_s == pytest.approx(old_s)
+        fleet.take(_messages(make_sample(t_s=t_s)), now_s=now_s)
+    assert fleet.vehicles["kelp"].age_s(10.1) == pytest.approx(old_s)
 
 
 def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
-    fleet = Feeds()
-    assert not fleet.complete
-    fleet.take(_messages(make_sample()), now_s=1.0)
-    assert fleet.complete
-    assert "holdfast kelp" in _drawn(fleet.look(1.0, connected=True))
+    fleet = _fleet(make_sample())
+    assert "holdfast kelp" in _screen(fleet)
     fleet.take(_messages(make_sample(t_s=99.0, voltage_v=math.nan), "wrack"), now_s=1.5)
     fleet.take([Message("holdfast/wrack/event", _event("the tether tugs"))], now_s=1.5)
-    screen = _drawn(fleet.look(1.6, connected=True))
+    screen = _screen(fleet, 1.6)
     assert "holdfast 2 vehicles" in screen
     assert max(map(len, screen.splitlines())) <= 80
     (kelp,) = [line for line in screen.splitlines() if " kelp " in line]
@@ -162,11 +142,10 @@ def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: Mak
 
 
 def test_the_last_events_are_shown_with_their_age_and_all_fits(make_sample: MakeSample) -> None:
-    feed = Feed("kelp")
-    feed.take(_messages(make_sample(t_s=15.0)), now_s=1.0)
+    fleet = _fleet(make_sample(t_s=15.0))
     for text in ("first", "second", "FAULT: " + 90 * "x"):
-        feed.take([Message("holdfast/kelp/event", _event(text))], now_s=1.0)
-    screen = _screen(feed, 1.0)
+        fleet.take([Message("holdfast/kelp/event", _event(text))], now_s=1.0)
+    screen = _screen(fleet)
     lines = screen.splitlines()
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
@@ -174,18 +153,16 @@ def test_the_last_events_are_shown_with_their_age_and_all_fits(make_sample: Make
     assert "   5 s ago  fault: second" in screen
 
 
-def test_a_strange_message_is_reported_and_passed_over(make_sample: MakeSample) -> None:
-    feed = Feed("kelp")
-    feed.take([Message("holdfast/kelp/state", b"{}"), *_messages(make_sample())], now_s=1.0)
-    assert "holdfast.State.v1" in _screen(feed, 1.0)
-
-
-@pytest.mark.parametrize("tail", ["raw", "recorder", "config", "choices", "check"])
-def test_answers_that_it_does_not_show_are_no_trouble(make_sample: MakeSample, tail: str) -> None:
+def test_a_strange_message_is_reported_and_what_it_does_not_show_is_no_trouble(
+    make_sample: MakeSample,
+) -> None:
     """`--once` asks for every key of the vehicle, and gets what the companion answers under its own ones."""
-    feed = Feed("kelp")
-    feed.take([*_messages(make_sample()), Message(f"holdfast/kelp/{tail}", b"{}")], now_s=1.0)
-    assert feed.trouble == ""
+    fleet = _fleet(make_sample())
+    for tail in ("raw", "config", "choices", "check"):
+        fleet.take([Message(f"holdfast/kelp/{tail}", b"{}")], now_s=1.0)
+    assert fleet.trouble == ""
+    fleet.take([Message("holdfast/kelp/state", b"{}")], now_s=1.0)
+    assert "holdfast.State.v1" in _screen(fleet)
 
 
 def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
@@ -195,16 +172,21 @@ def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
     evil = "[/x]\x1b[2J\n\x9b1m\u202e"
     sample = make_sample()
     sample = replace(sample, verdict=replace(sample.verdict, reason=evil))
-    feed = Feed(f"kelp{evil}")
-    feed.take(_messages(sample), now_s=1.0)
-    feed.take([Message("holdfast/kelp/event", _event(evil)), Message(f"holdfast/k/{evil}", b"{}")], now_s=1.0)
-    for screen in (_screen(feed), _drawn([feed, feed])):
+    fleet = Fleet(Vehicle)
+    for name in (f"kelp{evil[4:]}", f"wrack{evil[4:]}"):  # without the slash
+        fleet.take(_messages(sample, name), now_s=1.0)
+        fleet.take(
+            [Message(f"holdfast/{name}/{tail}", _event(evil)) for tail in ("event", "state")], now_s=1.0
+        )
+        screen = _screen(fleet)
         assert all(line.isprintable() for line in screen.split("\n"))
         assert "\\x1b[2J" in screen
 
 
 def test_a_snapshot_in_numbers(make_sample: MakeSample) -> None:
-    figures = msgspec.json.decode(msgspec.json.encode(watch.figures_of(_feed(make_sample()))))
+    figures = msgspec.json.decode(
+        msgspec.json.encode(watch.figures_of(_fleet(make_sample()).vehicles["kelp"], 1.0))
+    )
     assert figures["vehicle"] == "kelp"
     assert figures["state"]["depth_m"] == 5.0
     assert figures["dof/z"]["unit"] == "m"
@@ -253,26 +235,21 @@ def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
     return [Message(key, payload) for key, _, payload in samples.encode(sample, vehicle)]
 
 
-def _feed(sample: ControlSample) -> Feed:
-    feed = Feed("kelp")
-    feed.take(_messages(sample), now_s=1.0)
-    assert feed.complete
-    return feed
+def _fleet(sample: ControlSample, now_s: float = 1.0) -> Fleet[Vehicle]:
+    fleet = Fleet(Vehicle)
+    fleet.take(_messages(sample), now_s=now_s)
+    assert fleet.vehicles["kelp"].complete
+    return fleet
 
 
 def _event(text: str) -> bytes:
     return telemetry.to_json(telemetry.Event(t_s=10.0, boot_s=1.0, severity="fault", kind="state", text=text))
 
 
-def _screen(feed: Feed, now_s: float = 1.0, *, connected: bool = True) -> str:
-    feed.look(now_s, connected=connected)
-    return _drawn([feed])
-
-
-def _drawn(feeds: Sequence[Feed]) -> str:
+def _screen(fleet: Fleet[Vehicle], now_s: float = 1.0, *, connected: bool = True) -> str:
     console = Console(width=80, file=StringIO())
     with console.capture() as captured:
-        console.print(picture(feeds, "nobody"))
+        console.print(picture(Look(fleet, now_s, connected), "nobody"))
     return captured.get()
 
 

@@ -34,7 +34,6 @@ export class Commands extends EventTarget {
     on("hold", () => this.send("path", { action: "hold" }));
     on("wait", () => this.send("path", { action: $("wait").textContent === "Go on" ? "resume" : "pause" }));
     on("go", () => this.openGoto());
-    on("record", () => this.send("record", { on: !this.status?.recorder?.recording }));
     on("said", () => this.tell(""));
     $("unlocking").addEventListener("submit", (event) => { event.preventDefault(); this.unlock($("token").value.trim()); });
     this.buildGoto();
@@ -54,9 +53,8 @@ export class Commands extends EventTarget {
   }
 
   // The server may be another one than before, with another token.
-  hello({ control, records }) {
+  hello({ control }) {
     this.allowed = control;
-    this.records = records;
     if (control && this.token) this.unlock(this.token);
     else this.lock();
   }
@@ -69,7 +67,7 @@ export class Commands extends EventTarget {
   refresh() {
     const { status } = this;
     const open = this.open && !this.silent;
-    const { guidance, recorder, supervisor } = status ?? {};
+    const { guidance, supervisor } = status ?? {};
     const state = supervisor?.state;
     const paused = guidance === "paused" || (guidance === "hold" && status.path_left_m !== 0);
     mark($("commands"), "lock", !this.allowed ? "read-only" : this.open ? "open" : "locked");
@@ -85,9 +83,6 @@ export class Commands extends EventTarget {
     $("go").disabled = !open || !state;
     $("wait").disabled = !open || !(paused || GUIDED.includes(guidance));
     say($("wait"), paused ? "Go on" : "Pause");
-    $("record").disabled = !open || !recorder || !this.records;
-    say($("record"), recorder?.recording ? "■ Stop recording" : (recorder && this.records) || !status ? "● Record" : "● Record: needs --record");
-    $("record").title = this.records ? "" : "this dashboard does not record: start it with --record DIR";
     this.dispatchEvent(new Event("change"));
   }
 

@@ -25,7 +25,7 @@ export class Link {
   // Seconds since the newest sample left the companion, delays on the way included.
   get age() {
     if (!this.status || this.status.age_s === null || this.status.age_s === undefined) return Infinity;
-    return Math.max(this.status.age_s, this.status.lag_s) + this.late + (nowS() - this.statusAt);
+    return this.status.age_s + this.late + (nowS() - this.statusAt);
   }
 
   // Seconds since the dashboard's own server was heard.

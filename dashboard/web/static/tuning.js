@@ -5,13 +5,6 @@ import { DOFS } from "./words.js";
 
 const GROUPS = ["gains", "estimator"];
 
-// Of each number, [for m and N, for rad and N·m].
-const UNITS = {
-  lambda_per_s: ["1/s", "1/s"], kappa_per_s: ["1/s", "1/s"], leak_per_s: ["1/s", "1/s"], dead_zone: ["m/s", "rad/s"], max_disturbance: ["N", "N·m"],
-  position_noise: ["m", "rad"], rate_noise: ["m/s", "rad/s"], position_noise_slow: ["m", "rad"], rate_noise_slow: ["m/s", "rad/s"],
-  disturbance_noise: ["N/√s", "N·m/√s"],
-};
-
 export class Tuning {
   constructor(view, commands) {
     Object.assign(this, { view, commands });
@@ -27,16 +20,16 @@ export class Tuning {
     this.lock = el("p");
     this.axisName = el("h3");
     this.inputs = {};
-    const field = (group) => ({ name, title, description, least, most }) => {
+    const field = (group) => ([name, { title, what, unit: of, least, most }]) => {
       const input = el("input", { type: "number", step: "any", min: least, max: most, id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
       const now = el("span", { class: "now", title: "in force" });
       const unit = el("i");
-      this.inputs[name] = { group, input, now, unit };
-      return el("label", {}, el("span", {}, title, " ", unit, el("small", {}, description)), now, input);
+      this.inputs[name] = { group, input, now, unit, units: of.split(" or ") };
+      return el("label", {}, el("span", {}, title, " ", unit, el("small", {}, what)), now, input);
     };
     this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() });
     this.compensatorNow = el("small");
-    const [gains, noises] = GROUPS.map((group) => Object.values(COMMANDS[group]).filter(({ least }) => least !== null).map(field(group)));
+    const [gains, noises] = GROUPS.map((group) => Object.entries(COMMANDS[group]).filter(([, { least }]) => least !== null).map(field(group)));
     this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAsked() }, "Apply");
     this.revert = el("button", { id: "revert", onclick: () => this.revertAll() }, "Revert");
     this.controls = el("fieldset", {},
@@ -80,8 +73,8 @@ export class Tuning {
     this.permit();
     say(this.axisName, `${DOFS[this.view.dof].name}: gains of ${this.axis}`);
     const now = this.config?.[this.axis];
-    for (const [name, { input, now: shown, unit }] of Object.entries(this.inputs)) {
-      say(unit, UNITS[name]?.[this.axis === "yaw" ? 1 : 0] ?? "");
+    for (const [name, { input, now: shown, unit, units }] of Object.entries(this.inputs)) {
+      say(unit, this.axis === "yaw" ? units.at(-1) : units[0]);
       say(shown, now ? text(now[name]) : "–");
       if (this.touched !== this.axis && now) input.value = text(now[name]);
     }
