@@ -6,7 +6,6 @@ import resource
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import cycle
@@ -109,13 +108,4 @@ def test_half_finished_requests_and_what_is_no_http_keep_nobody_out_and_fill_no_
                 with contextlib.suppress(ConnectionError):
                     line.recv(1024)
         assert dashboard.answers()
-        assert dashboard.log.stat().st_size < LOG_BYTES
-
-
-def test_without_a_file_to_open_the_log_stays_short_and_the_page_comes_back(tmp_path: Path) -> None:
-    with served(tmp_path, files=64) as dashboard:
-        with ExitStack() as stack:
-            opened(stack, dashboard.port, (HALF,), 100)
-            time.sleep(4.0)
-        until(dashboard.answers, 15.0)
         assert dashboard.log.stat().st_size < LOG_BYTES

@@ -120,16 +120,6 @@ async def test_a_release_waits_behind_no_vehicle_that_does_not_answer(
 
 
 @in_a_loop
-async def test_a_browser_that_leaves_makes_room() -> None:
-    async with served() as opened:
-        browsers = [await opened(1) for _ in range(app.MOST_BROWSERS)]
-        await browsers.pop().close()
-        await asyncio.sleep(0.2)
-        browsers.append(await opened(1))
-        assert all(await live(browsers))
-
-
-@in_a_loop
 async def test_who_reads_nothing_takes_little_memory_and_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     full = VehicleHistory("kelp")
     for number in range(ROWS):

@@ -1,7 +1,6 @@
 """One dive as a user would have it: recorded, the recorder killed, and everything that a recording is for."""
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -9,12 +8,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from msgspec.structs import replace
 from waiting import until
 
 from companion.io.zenoh_publisher import Publisher
@@ -170,59 +168,6 @@ def test_a_slow_recorder_delays_nobody(
     reader = Reader(file)
     assert len(list(reader)) > 0
     assert reader.whole
-
-
-@contextmanager
-def on_one_busy_core(processes: int) -> Iterator[None]:
-    """Let this process share one core with `processes` that never rest."""
-    cores = os.sched_getaffinity(0)
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
-
-    def pin(to: set[int]) -> None:
-        for thread in Path("/proc/self/task").iterdir():
-            with suppress(ProcessLookupError):
-                os.sched_setaffinity(int(thread.name), to)
-
-    try:
-        for child in busy:
-            os.sched_setaffinity(child.pid, {min(cores)})
-        pin({min(cores)})
-        yield
-    finally:
-        pin(cores)
-        for child in busy:
-            child.kill()
-            child.wait()
-
-
-def test_on_a_busy_machine_nothing_is_lost(tmp_path: Path, make_sample: Callable[..., ControlSample]) -> None:
-    zenoh = f"tcp/127.0.0.1:{free_port()}"
-    recorder = RecorderThread("kelp", zenoh, FileLimits(tmp_path, reserve_bytes=1))
-    with (
-        Publisher("kelp", zenoh) as publisher,
-        recorder,
-        Subscription("holdfast/kelp/recorder", zenoh) as seen,
-    ):
-        sample = make_sample()
-        until(lambda: bool(seen.take()))
-        with on_one_busy_core(4):
-            for tick in range(250):
-                publisher.offer(replace(sample, loop=replace(sample.loop, tick=tick)))
-                time.sleep(0.02)
-        statuses: list[telemetry.Schema] = []
-
-        def all_came() -> bool:
-            publisher.offer(replace(sample, loop=replace(sample.loop, tick=250)))
-            statuses.extend(telemetry.decode(*message) for message in seen.take())
-            return time.monotonic() > settled_s and bool(statuses)
-
-        settled_s = time.monotonic() + 2.0
-        until(all_came)
-    assert publisher.dropped == 0
-    last = statuses[-1]
-    assert isinstance(last, telemetry.Recorder)
-    assert last.messages > 250 * len(telemetry.EVERY_TICK)
-    assert last.lost == 0
 
 
 def test_a_recorder_whose_thread_fails_ends_the_process(

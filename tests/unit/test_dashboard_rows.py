@@ -14,7 +14,6 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard import vehicles
-from dashboard.vehicles import Lag
 from dashboard.web.columns import COLUMNS
 from dashboard.web.fleet import Histories
 from dashboard.web.ring import Frame, Ring, next_row
@@ -110,13 +109,6 @@ def test_the_greatest_depth_and_the_time_below_the_surface_are_kept(make_sample:
     assert status["dive_s"] == pytest.approx(2.0)
 
 
-def test_a_lag_forgets_the_clocks_of_before() -> None:
-    lag = Lag()
-    assert lag.add(0.0, 10.0) == 0.0
-    assert lag.add(1.0, 12.0) == 1.0
-    assert lag.add(90.0, 101.0) == 0.0
-
-
 def test_events_are_kept_and_numbered(make_sample: MakeSample) -> None:
     seen = Histories()
     seen.take(_messages(make_sample()), now_s=4.0)
@@ -143,17 +135,6 @@ def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:
     assert vehicle.plan == plan(t_s=8.0, name="")
     seen.take(_messages(make_sample(t_s=-9.0)), now_s=9.0)
     assert vehicle.plan is None
-
-
-def test_what_was_found_of_the_vehicle_is_reported_by_axis(make_sample: MakeSample) -> None:
-    seen = Histories()
-    seen.take(_messages(make_sample(dead_motor=3)), now_s=1.0)
-    status = seen.vehicles["kelp"].status(1.0)
-    assert status["dead_motor"] == 3
-    assert set(status["model"]) == {"x", "y", "z", "psi"}
-    dof = samples.records(make_sample())[3]
-    assert isinstance(dof, telemetry.Dof)
-    assert status["model"][dof.dof]["model_lag_s"] == dof.model_lag_s
 
 
 def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample: MakeSample) -> None:

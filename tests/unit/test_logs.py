@@ -54,19 +54,3 @@ def test_a_stopped_terminal_holds_nobody_up_and_costs_bounded_memory(logger, mon
     assert handler.queue.qsize() <= MOST_LINES
     handler.close()
     stream.go_on.set()
-
-
-class Gone(io.StringIO):
-    """A terminal that was closed."""
-
-    def write(self, text):
-        raise BrokenPipeError
-
-
-def test_a_closed_terminal_is_no_error(logger, capsys):
-    handler = ThreadHandler(Gone())
-    logger.addHandler(handler)
-    for _ in range(3):
-        logger.error("to nobody")
-    handler.close()
-    assert capsys.readouterr().err == ""

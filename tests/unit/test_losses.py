@@ -23,16 +23,6 @@ REPORTED = [
 ]
 
 
-@pytest.mark.parametrize(("ticks", "missing", "lost"), REPORTED)
-def test_they_are_counted(ticks: list[int], missing: dict[int, set[str]], lost: int) -> None:
-    losses = Losses()
-    for tick in ticks:
-        for tail in (*telemetry.EVERY_TICK, "event"):  # an event belongs to no tick
-            if tail not in missing.get(tick, set()):
-                losses.take(tail, tick if tail == "loop" else 0)
-    assert losses.lost == lost
-
-
 def test_what_a_radio_link_leaves_out_is_not_lost() -> None:
     losses = Losses(10)
     for tick in (10, 20, 31, 41, 61, 71):  # a tick came late; one was lost

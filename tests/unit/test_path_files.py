@@ -116,11 +116,6 @@ def test_the_longest_path_is_no_command_of_too_many_values():
     assert parse("follow", msgspec.json.encode(follow)) == follow
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
-        read(tmp_path / "none.toml")
-
-
 DOCUMENT = Path(__file__).parents[2] / "docs" / "guidance.md"
 EXAMPLES = DOCUMENT.read_text(encoding="utf-8").split("```toml\n")[1:]
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import msgspec
 
-from companion.config import Config
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
@@ -81,9 +80,3 @@ def test_what_the_simulator_publishes_follows_our_schema_of_it() -> None:
     msgspec.json.decode(encode(truth), type=telemetry.Truth)
     assert json.loads(encode(truth)).keys() == set(telemetry.Truth.__struct_fields__)
     assert telemetry.TRUTH_ENCODING == SCHEMA
-
-
-def test_the_configuration_has_a_schema_with_its_ranges() -> None:
-    parts = json.loads(schema.schemas()["Config.json"])["$defs"]
-    assert set(parts["Config"]["properties"]) == set(Config.__struct_fields__)
-    assert parts["LoopSection"]["properties"]["rate_hz"]["maximum"] == 200.0

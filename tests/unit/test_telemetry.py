@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from builders import RECORDING
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -22,15 +21,11 @@ MakeSample = Callable[..., ControlSample]
 
 
 def test_keys_name_vehicle_and_schema() -> None:
+    tails = ("state", "dof/x", "dof/y", "dof/z", "dof/psi", "command", "supervisor", "loop")
+    names = ("State", *("Dof",) * 4, "Command", "Supervisor", "Loop")
     assert telemetry.keys("kelp") == {
-        "holdfast/kelp/state": "application/json;holdfast.State.v1",
-        "holdfast/kelp/dof/x": "application/json;holdfast.Dof.v1",
-        "holdfast/kelp/dof/y": "application/json;holdfast.Dof.v1",
-        "holdfast/kelp/dof/z": "application/json;holdfast.Dof.v1",
-        "holdfast/kelp/dof/psi": "application/json;holdfast.Dof.v1",
-        "holdfast/kelp/command": "application/json;holdfast.Command.v1",
-        "holdfast/kelp/supervisor": "application/json;holdfast.Supervisor.v1",
-        "holdfast/kelp/loop": "application/json;holdfast.Loop.v1",
+        f"holdfast/kelp/{tail}": f"application/json;holdfast.{name}.v1"
+        for tail, name in zip(tails, names, strict=True)
     }
     assert telemetry.key("kelp", "alive", "7") == "holdfast/kelp/alive/7"
 
@@ -85,20 +80,6 @@ def test_what_is_stale_keeps_its_last_value_and_is_named(make_sample: MakeSample
     assert {"armed", "mode", "system_status", "pilot_gain"} < set(state.absent)
 
 
-def test_an_age_before_the_first_signal_is_capped(make_sample: MakeSample) -> None:
-    loop = telemetry.decode(*_of(samples.encode(make_sample(), "kelp"), "holdfast/kelp/loop"))
-    assert isinstance(loop, telemetry.Loop)
-    assert loop.position_age_s == telemetry.NEVER_S
-    assert loop.absent == ()
-
-
-def test_conditions_leave_by_name(make_sample: MakeSample) -> None:
-    supervisor = samples.records(make_sample())[6]
-    assert isinstance(supervisor, telemetry.Supervisor)
-    assert supervisor.state == "ACTIVE"
-    assert supervisor.conditions == ("POSITION_STALE", "ENGAGE_ASKED")
-
-
 def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
     encoded = samples.encode(make_sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
     state = telemetry.decode(*_of(encoded, "holdfast/kelp/state"))
@@ -110,14 +91,16 @@ def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
 def test_no_null_and_one_shape_whatever_comes(
     make_sample: MakeSample, eta: list[float], age: float, reason: str
 ) -> None:
-    usual = {key: set(json.loads(payload)) for key, _, payload in samples.encode(make_sample(), "kelp")}
+    usual = {key: types(payload) for key, _, payload in samples.encode(make_sample(), "kelp")}
     wild = make_sample(eta=tuple(eta), voltage_v=age, ages=Ages(age, age, age, age, age))
     wild = replace(wild, verdict=replace(wild.verdict, reason=reason))
     for key, _, payload in samples.encode(wild, "kelp"):
-        fields = json.loads(payload)
-        assert None not in fields.values()
-        assert set(fields) == usual[key]
+        assert types(payload) == usual[key], "BlueOS' recorder takes the types of the first sample for all"
         telemetry.decode(key, payload)
+
+
+def types(payload: bytes) -> dict[str, type]:
+    return {name: type(value) for name, value in json.loads(payload).items()}
 
 
 def test_a_newer_field_is_no_stumbling_block(make_sample: MakeSample) -> None:
@@ -161,27 +144,10 @@ def test_a_raw_tick_comes_back_as_it_left() -> None:
     start = telemetry.Start(
         config={"loop": {"rate_hz": 50.0}}, setpoint=(0.0, 1.0, 2.0, 3.0), arm=True, version="1"
     )
+    heard = [(2**62 + 1, b"\xfd\x00")]
     raw = telemetry.Raw(
-        tick=1,
-        now_s=0.1 + 0.2,
-        heard=[(2**62 + 1, b"\xfd\x00")],
-        out=[b"a"],
-        requests=["ENGAGE"],
-        start=start,
+        tick=1, now_s=0.1 + 0.2, heard=heard, ground=[], out=[b"a"], requests=["ENGAGE"], start=start
     )
     payload = msgspec.msgpack.encode(raw)
-    back = msgspec.msgpack.decode(payload, type=telemetry.Raw)
-    assert (back.tick, back.now_s, list(back.heard), list(back.out)) == (
-        1,
-        0.1 + 0.2,
-        [(2**62 + 1, b"\xfd\x00")],
-        [b"a"],
-    )
-    assert (list(back.requests), back.start) == (["ENGAGE"], start)
+    assert msgspec.msgpack.decode(payload, type=telemetry.Raw) == raw
     assert "in" in msgspec.msgpack.decode(payload)
-
-
-def test_the_recorders_status_is_known_under_its_key() -> None:
-    key, encoding = telemetry.published("kelp", "recorder")
-    assert (key, encoding) == ("holdfast/kelp/recorder", "application/json;holdfast.Recorder.v1")
-    assert telemetry.decode(key, msgspec.json.encode(RECORDING)) == RECORDING

@@ -55,15 +55,6 @@ def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None
     assert max(map(len, screen.splitlines())) <= 80
 
 
-def test_what_never_came_is_no_zero(make_sample: MakeSample) -> None:
-    sample = make_sample(voltage_v=math.nan)
-    nowhere = (math.nan, math.nan, 5.0, 0.5)
-    sample = replace(sample, dofs=sample.dofs._replace(x=nowhere))
-    screen = _screen(_fleet(sample))
-    assert "battery –" in screen
-    assert "0.000 m" not in _rows(screen, "north")[0]
-
-
 @pytest.mark.parametrize("state", list(State))
 def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None:
     sample = make_sample()
@@ -73,12 +64,6 @@ def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None
     said = sample.state
     who = holder(state, guidance=sample.guided.kind, armed=said.armed, mode=said.mode)
     assert f"  {who}, authority" in screen
-
-
-def test_how_far_the_autopilots_depth_is_off_stays_on_the_screen(make_sample: MakeSample) -> None:
-    assert "zero moved" not in _screen(_fleet(make_sample()))
-    screen = _screen(_fleet(make_sample(depth_offset_m=-0.4)))
-    assert "the autopilot's depth, whose zero moved, is -0.40 m off" in screen
 
 
 def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSample) -> None:
@@ -224,11 +209,6 @@ def test_once_sees_a_replay_which_keeps_no_last_sample(
     monkeypatch.setattr(watch, "Subscription", Replayed)
     assert watch.main(["--once"]) == 0
     assert "kelp" in capsys.readouterr().out
-
-
-def test_a_name_that_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert watch.main(["--once", "--name", "a//b"]) == 2
-    assert "key expression" in capsys.readouterr().err
 
 
 def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
