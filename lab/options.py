@@ -1,7 +1,6 @@
 """Options that several commands of the lab have. Imports nothing heavy before one is used."""
 
 import argparse
-import sys
 from pathlib import Path
 
 
@@ -65,18 +64,12 @@ def add_firmware(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def find_firmware(command: str, arguments: argparse.Namespace) -> bool:
-    """Put the program's path, or None, into `arguments.firmware`; say what is wrong and return False."""
-    if arguments.firmware is None:
-        return True
-    from lab.loop.firmware import FirmwareError, program
+def find_firmware(arguments: argparse.Namespace) -> None:
+    """Put the program's path, or None, into `arguments.firmware`. Raises FirmwareError, a RefusedError."""
+    if getattr(arguments, "firmware", None) is not None:
+        from lab.loop.firmware import program
 
-    try:
         arguments.firmware = program(arguments.firmware)
-    except FirmwareError as error:
-        sys.stderr.write(f"holdfast {command}: {error}\n")
-        return False
-    return True
 
 
 def json_file(text: str) -> Path:

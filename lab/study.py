@@ -34,7 +34,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from holdfast import FAILED, REFUSED, RefusedError, own_version
+from holdfast import FAILED, RefusedError, own_version
 from holdfast.arguments import command_parser
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
@@ -131,8 +131,7 @@ class Study(ABC, Generic[C]):
 def start(kind: type[Study[Any]], argv: Sequence[str], examples: str = "") -> int:
     """Run a study's command line, whose help ends with `examples`; return the exit status."""
     arguments = parser_of(kind, examples).parse_args(argv)
-    if "firmware" in arguments and not find_firmware(kind.command.split()[0], arguments):
-        return REFUSED
+    find_firmware(arguments)
     arguments.command = shlex.join(["holdfast", *kind.command.split(), *argv])
     return run(kind(arguments), arguments, Console())
 
@@ -162,7 +161,6 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
         sys.stderr.write(f"holdfast {study.command}: {error}\n")
         return FAILED
     rows = [journal.rows[case] for case in cases]
-    untraced = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
     for shown in study.tables(rows):
         console.print(shown, soft_wrap=isinstance(shown, str))
     if files := study.draw(rows, path.parent):
@@ -175,9 +173,10 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     content = {"provenance": made, **study.summary(rows)}
     write_json(path.with_name(f"{study.command.split()[-1]}.json"), content)
     if arguments.json:
+        untraced = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
         write_json(arguments.json, content | {study.rows_key: untraced})
     if arguments.table:
-        write_table(arguments.table, _flat(untraced))
+        write_table(arguments.table, _flat(rows))
     return FAILED if study.failed(rows) else 0
 
 
@@ -304,16 +303,8 @@ def provenance(command: str) -> dict[str, str]:
         "commit": revision(),
         "code": measured_code(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": f"{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
     }
-
-
-def _processor() -> str:
-    path = Path("/proc/cpuinfo")
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    return next(
-        (line.partition(": ")[2] for line in lines if line.startswith("model name")), platform.machine()
-    )
 
 
 def ruled(title: str, *columns: str, left: int = 1, caption: str | None = None, padding: int = 1) -> Table:

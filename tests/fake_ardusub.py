@@ -1,4 +1,4 @@
-"""A program that `lab.firmware` takes for ArduSub for sitl: its options, frames, serial links and reboot.
+"""A program that `lab.loop.firmware` takes for ArduSub for sitl: options, frames, serial links and reboot.
 
 Its autopilot is our stand-in's, its sensors read the physics' replies. FAKE_ARDUSUB names what it does wrong:
 "twice" sends every 50th frame twice at once, "late" repeats it before it reads the answer, "dies" exits at

@@ -4,7 +4,6 @@ Four dives in virtual time, with the same vehicle, water, path and load: the law
 observer's disturbance, Holdfast, and ALT_HOLD.
 """
 
-import argparse
 import sys
 import time  # noqa: TID251 - how long it took
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from holdfast import DONE, FAILED
 from holdfast.arguments import command_parser
 from lab.demo.dives import (
     NAMES,
@@ -28,10 +28,16 @@ from lab.demo.dives import (
 )
 from lab.demo.story import Story
 from lab.loop.dive import Dive
-from lab.loop.firmware import FirmwareError
 from lab.options import add_firmware, add_out, find_firmware, json_file
 from lab.study import ruled
 
+ABOUT = (
+    "Shows what each part of Holdfast is worth: a simulated vehicle with a payload skid and weed in a motor "
+    "keeps depth and heading in a current and waves, moves half a metre down and up again twice, and a load "
+    "is hung on and dropped. The same dive is run four times, in virtual time: by the control law alone; by "
+    "the law with the observer; by Holdfast, which adds the network; by ArduSub's depth hold, ALT_HOLD, with "
+    "its default gains. With --firmware the dives are on the real ArduSub."
+)
 EXAMPLES = """\
 examples:
   holdfast demo                           less than a minute; writes out/demo.png and out/demo.json
@@ -41,44 +47,23 @@ examples:
 
 
 def main(argv: list[str]) -> int:
-    """Run the command; return its exit status."""
-    options = _parser().parse_args(argv)
-    if not find_firmware("demo", options):
-        return 2
-    options.out.mkdir(parents=True, exist_ok=True)
-    json = options.json or options.out / "demo.json"
-    return perform(Story(seed=options.seed), options.out / "demo.png", json, options.firmware)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = command_parser(
-        "demo",
-        "Shows what each part of Holdfast is worth: a simulated vehicle with a payload skid and weed in a "
-        "motor keeps depth and heading in a current and waves, moves half a metre down and up again "
-        "twice, and a load is hung on and dropped. The same dive is run four times, in virtual time: by the "
-        "control law alone; by the law with the observer; by Holdfast, which adds the network; by ArduSub's "
-        "depth hold, ALT_HOLD, with its default gains. With --firmware the dives are on the real ArduSub.",
-        EXAMPLES,
-    )
+    """Run the command: dive, print the table, write picture and figures; return its exit status."""
+    parser = command_parser("demo", ABOUT, EXAMPLES)
     add_out(parser, "out")
     parser.add_argument("--json", metavar="FILE", type=json_file, help="write the figures to FILE instead")
     parser.add_argument("--seed", metavar="N", type=int, default=Story.seed, help="of waves and noise")
     add_firmware(parser)
-    return parser
-
-
-def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -> int:
-    """Dive, then print the table and write picture and figures; return the exit status."""
+    options = parser.parse_args(argv)
+    find_firmware(options)
     from lab.demo.picture import draw  # matplotlib takes a second
 
-    console = Console()
+    story, console, about_mean = Story(seed=options.seed), Console(), options.firmware is not None
     began_s = time.monotonic()
-    about_mean = firmware is not None
     try:
-        dives = _dive_all(story, firmware, console)
-    except (FirmwareError, ValueError) as error:
+        dives = _dive_all(story, options.firmware, console)
+    except ValueError as error:
         sys.stderr.write(f"holdfast demo: {error}\n")
-        return 1
+        return FAILED
     results = {name: figures(dive, story.phases, about_mean=about_mean) for name, dive in dives.items()}
     said = [
         worth("The observer", results["law"], results["observer"]),
@@ -86,12 +71,14 @@ def perform(story: Story, png: Path, json: Path, firmware: Path | None = None) -
     ]
     console.print(table(results, story, about_mean=about_mean))
     console.print(*said, sep="\n", highlight=False)
+    options.out.mkdir(parents=True, exist_ok=True)
+    png, json = options.out / "demo.png", options.json or options.out / "demo.json"
     content: dict[str, object] = {**results, "worth": said, "phases_s": story.phases, "story": story}
     json.write_bytes(msgspec.json.format(msgspec.json.encode(content)) + b"\n")
     vehicle = "the real ArduSub (errors are about their mean)" if about_mean else "our simulator"
     draw(dives, results, story, said, vehicle).savefig(png)
     console.print(f"Picture: {png}   Figures: {json}   ({time.monotonic() - began_s:.0f} s)", highlight=False)
-    return 0
+    return DONE
 
 
 def _dive_all(story: Story, firmware: Path | None, console: Console) -> dict[str, Dive]:

@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from companion.records import Setpoint
+from lab.loop.scenarios import water
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import SimConfig
 from sim_bridge.config import load_config as load_plant
@@ -68,25 +71,20 @@ class Story:
         """Return this depth and the heading; the place is free."""
         return Setpoint((math.nan, math.nan, depth_m, self.heading_rad))
 
-    def settings(self) -> list[str]:
-        """Return the overrides of the simulator's configuration."""
-        gain = [1.0] * 8
-        gain[WEEDY_MOTOR - 1] = self.weed
-        settings: dict[str, object] = {
-            "initial.eta": [0.0, 0.0, self.depth_m, 0.0, 0.0, self.heading_rad],
-            "thrusters.gain": gain,
-            "current.enabled": "true",
-            "current.speed_m_s": self.current_m_s,
-            "waves.enabled": "true",
-            "waves.height_m": self.wave_height_m,
-            "waves.period_s": self.wave_period_s,
-            "load.enabled": "true",
-            "load.weight_n": self.load_n,
-            "load.on_s": self.load_on_s,
-            "load.off_s": self.load_off_s,
-        }
-        return [f"{key}={value}" for key, value in settings.items()]
-
     def plant(self) -> SimConfig:
         """Return the vehicle in its water."""
-        return load_plant(VEHICLE_FILE, self.settings())
+        gain = [1.0] * 8
+        gain[WEEDY_MOTOR - 1] = self.weed
+        base = load_plant(VEHICLE_FILE)
+        rough = water(
+            replace(base, thrusters=replace(base.thrusters, gain=tuple(gain))),
+            current_m_s=self.current_m_s,
+            waves_m=self.wave_height_m,
+            period_s=self.wave_period_s,
+            load_n=self.load_n,
+        )
+        return replace(
+            rough,
+            initial=replace(base.initial, eta=(0.0, 0.0, self.depth_m, 0.0, 0.0, self.heading_rad)),
+            load=replace(rough.load, on_s=self.load_on_s, off_s=self.load_off_s),
+        )

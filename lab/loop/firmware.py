@@ -1,4 +1,4 @@
-"""The real ArduSub as the vehicle of a dive in virtual time, which `lab.lockstep` steps as it steps our own.
+"""The real ArduSub as the vehicle of a dive in virtual time: `lab.loop.lockstep` steps it as our own.
 
     with Firmware(program(None), load_config(DEFAULT_CONFIG), seed=1) as vehicle:
         loop = Lockstep(vehicle, Engine(config, setpoint, arm=True), LinkDelay(), seed=1)

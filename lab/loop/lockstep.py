@@ -1,6 +1,6 @@
 """The closed loop in virtual time: the companion's engine and a vehicle exchange MAVLink bytes.
 
-The vehicle is our stand-in (`sim_bridge.vehicle`) or the real firmware (`lab.firmware`). It steps,
+The vehicle is our stand-in (`sim_bridge.vehicle`) or the real firmware (`lab.loop.firmware`). It steps,
 datagrams travel for as long as the link says, the engine ticks. The same seed gives the same samples, and an
 hour of diving with our stand-in takes a minute or two.
 """
@@ -22,7 +22,7 @@ START_S = 1000.0
 
 
 class SteppedVehicle(Protocol):
-    """What the loop needs of a vehicle: `sim_bridge.vehicle.Vehicle` and `lab.firmware.Firmware` have it."""
+    """What the loop needs of `sim_bridge.vehicle.Vehicle` or `lab.loop.firmware.Firmware`."""
 
     step_s: float
     time_s: float

@@ -60,7 +60,7 @@ class ChildError(Exception):
 
 
 @dataclass
-class Heard:
+class SoakLog:
     """What came over Zenoh."""
 
     lateness_ms: list[float] = field(default_factory=list)
@@ -120,7 +120,7 @@ class Soak(Study[Duration]):
     def dive(self, cases: Sequence[Duration]) -> Iterator[Row]:
         """Soak; `error` says why it ended early."""
         for case in cases:
-            heard, minutes, error = Heard(), list[Minute](), ""
+            heard, minutes, error = SoakLog(), list[Minute](), ""
             with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as logs:
                 try:
                     for minute in _minutes(60.0 * case.minutes, Path(logs), heard):
@@ -145,7 +145,7 @@ class Soak(Study[Duration]):
         return {"columns": ["figure", "measured"], "rows": shown, "soak": rows}
 
 
-def _minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
+def _minutes(seconds: float, logs: Path, heard: SoakLog) -> Iterator[Minute]:
     """Run everything for so long, and come back every minute. Raises ChildError if a process ended."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
@@ -167,7 +167,7 @@ def _minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
             _visit(endpoint, heard, DEPTHS_M[count % len(DEPTHS_M)])
 
 
-def figures(heard: Heard, minutes: Sequence[Minute]) -> Row:
+def figures(heard: SoakLog, minutes: Sequence[Minute]) -> Row:
     """Return memory (MB, and its slope in kB/h), lateness (ms), and counts."""
     if not minutes:
         return {}
@@ -227,7 +227,7 @@ def _last(logs: Path, name: str) -> str:
     return "\n".join((logs / f"{name}.log").read_text(errors="replace").splitlines()[-LAST_LINES:])
 
 
-def _visit(endpoint: str, heard: Heard, depth_m: float) -> None:
+def _visit(endpoint: str, heard: SoakLog, depth_m: float) -> None:
     """Come as a new client, say where to be and, if it let go, to engage; and leave."""
     orders: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
     orders += [("clear_fault", {})] if heard.state == "FAULT" else []

@@ -77,7 +77,7 @@ class Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class PaperFigures:
     """What came of a case.
 
     From e(0) = 0 over the whole dive: RMS and largest |e|, RMS of the thrust. From e(0) = 0.1 m: half the
@@ -119,11 +119,11 @@ def dive(case: PaperCase) -> tuple[Trace, Trace]:
     return traces[0], traces[1]
 
 
-def figures(traces: tuple[Trace, Trace]) -> Figures:
+def figures(traces: tuple[Trace, Trace]) -> PaperFigures:
     """Work out what came of a case."""
     tracking, portrait = traces
     last = portrait.e[-PERIOD_S * 1000 // TICK_MS :]
-    return Figures(
+    return PaperFigures(
         rms_mm=1000.0 * sqrt(np.mean(tracking.e**2)),
         peak_mm=1000.0 * float(np.abs(tracking.e).max()),
         orbit_mm=500.0 * float(np.ptp(last)),

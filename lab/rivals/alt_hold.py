@@ -31,7 +31,7 @@ Z_ONLY = 0b0000_1111_1111_1011
 """The type mask: everything but the altitude is ignored."""
 
 
-class GroundStation:
+class AutopilotStation:
     """Bytes for each tick: heartbeats, arming, a mode that holds, resting sticks, and where to be."""
 
     def __init__(self, hold: int = ALT_HOLD) -> None:
@@ -98,7 +98,7 @@ def truths(
     """
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
-    station = GroundStation()
+    station = AutopilotStation()
     with vehicle_of(config, scenario.seed, firmware, surveyed=config.sensors.positioned) as vehicle:
         yield from steered(
             vehicle,

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.records import PSI, Setpoint, X, Y, Z
 from lab.loop.dive import Dive, by_autopilot
 from lab.loop.lockstep import LinkDelay, SteppedVehicle
-from lab.rivals.alt_hold import HOLD_S, TICK_S, VEHICLE, GroundStation, steered
+from lab.rivals.alt_hold import HOLD_S, TICK_S, VEHICLE, AutopilotStation, steered
 from sim_bridge.config import SimConfig
 from sim_bridge.firmware.modes import GUIDED, POSHOLD
 from sim_bridge.vehicle import Truth
@@ -31,7 +31,7 @@ def truths(
     path: Callable[[float], Setpoint] | None,
 ) -> Iterator[Truth]:
     """Give the truth after each tick: in POSHOLD, or in GUIDED along a `path` over time."""
-    station = GroundStation(POSHOLD if path is None else GUIDED)
+    station = AutopilotStation(POSHOLD if path is None else GUIDED)
 
     def say(tick: int) -> Iterator[bytes]:
         yield from station.enter(tick)

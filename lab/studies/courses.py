@@ -13,7 +13,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from companion.config import Config, load_config
-from companion.guidance import course as guidance_course
+from companion.guidance.course import Course
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Setpoint
@@ -37,7 +37,7 @@ SETTLES_S = 10.0
 
 
 @dataclass(frozen=True)
-class Course:
+class CourseSpec:
     """A place held or a path followed for LASTS_S in a current; `dead` is a motor that dies at START_S."""
 
     title: str
@@ -70,10 +70,10 @@ def _path(**keys: object) -> PathPlan:
 _EIGHT = _path(lemniscate=Lemniscate(length_m=4.0, width_m=2.0, depth_m=DEPTH_M), speed_mps=0.22)
 _CIRCLE = _path(circle=Circle(radius_m=1.5, x_m=-1.5, depth_m=DEPTH_M), speed_mps=0.3)
 COURSES = {
-    "station": Course("place, 0.5 m/s turning by 180°, waves, tether", 0.5, turn_deg_s=3.0, rough=True),
-    "lemniscate": Course("lemniscate 4 × 2 m in 60 s, 0.3 m/s", 0.3, _EIGHT),
-    "circle": Course("circle of 1.5 m at 0.3 m/s, 0.3 m/s", 0.3, _CIRCLE),
-    "thruster": Course("place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
+    "station": CourseSpec("place, 0.5 m/s turning by 180°, waves, tether", 0.5, turn_deg_s=3.0, rough=True),
+    "lemniscate": CourseSpec("lemniscate 4 × 2 m in 60 s, 0.3 m/s", 0.3, _EIGHT),
+    "circle": CourseSpec("circle of 1.5 m at 0.3 m/s, 0.3 m/s", 0.3, _CIRCLE),
+    "thruster": CourseSpec("place, 0.3 m/s, motor 1 dies", 0.3, turn_deg_s=3.0, dead=1),
 }
 ROWS = {
     DEFAULT: COMPETITORS[DEFAULT],
@@ -90,7 +90,7 @@ ROWS = {
 
 def sail(
     name: str,
-    course: Course,
+    course: CourseSpec,
     base: SimConfig,
     seed: int,
     *,
@@ -125,7 +125,7 @@ def sail(
 def _timed(plan: PathPlan, config: Config) -> Callable[[float], Setpoint]:
     """Return where a path at its full pace is at a time from boot; it begins at START_S."""
     start, most = (0.0, 0.0, DEPTH_M, 0.0), limits(config)
-    course = guidance_course.Course(most, plan.speed_mps, plan.acceleration_mps2, path=build(plan, most))
+    course = Course(most, plan.speed_mps, plan.acceleration_mps2, path=build(plan, most))
     course.begin(start)
     passed = [Setpoint(start)]
 

@@ -26,7 +26,7 @@ from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import Step
 from lab.options import add_bench
 from lab.studies.picture import dots
-from lab.studies.vehicles import Situation, axes, light, rough, tank
+from lab.studies.vehicles import Trial, axes, light, rough, tank
 from lab.study import Row, Study, by, known
 
 COUNTS_S, ENDS_S = 25.0, 85.0
@@ -43,7 +43,7 @@ FIGURES = {
     "tilt_deg": "tilt, largest, °",
 }
 NO = math.nan
-SCENARIOS: Mapping[str, Callable[[int], Situation]] = {
+SCENARIOS: Mapping[str, Callable[[int], Trial]] = {
     "rough": rough,
     "axes": axes,
     "light-waves": partial(light, moves=False),

@@ -64,7 +64,7 @@ class Stage(NamedTuple):
         return [*self.settings, *written(values)]
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """What a search found, its score and that of where it started (mm)."""
 
     values: dict[str, float]
@@ -81,7 +81,7 @@ def search(
     *,
     evaluations: int = EVALUATIONS,
     done: Callable[[int], object] = lambda count: None,
-) -> Found:
+) -> SearchResult:
     """Search the knobs, each by up to the factor WIDTH; `load` makes a configuration of overrides.
 
     Deterministic for the same arguments. `done` is told after each generation how many were evaluated.
@@ -109,7 +109,7 @@ def search(
         spent += len(candidates)
         done(len(candidates))
     values = dict(zip(keys, (float(f"{value:.4g}") for value in np.exp(start + best_x)), strict=True))
-    return Found(values, best, start_score, spent)
+    return SearchResult(values, best, start_score, spent)
 
 
 def scores(

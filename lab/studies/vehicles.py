@@ -31,7 +31,7 @@ def path(t_s: float) -> Setpoint:
 
 
 @dataclass(frozen=True)
-class Situation:
+class Trial:
     """What is dived: the vehicle in its water, the setpoint over time, and the link."""
 
     plant: SimConfig
@@ -39,7 +39,7 @@ class Situation:
     link: LinkDelay = EXACT
 
 
-def rough(seed: int) -> Situation:
+def rough(seed: int) -> Trial:
     """Draw a vehicle between the published models and the tank's, in current, waves and a jerking tether."""
     base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 32)).uniform
     hull, thrusters = base.hull, base.thrusters
@@ -64,7 +64,7 @@ def rough(seed: int) -> Situation:
             horizontal_m=(*thrusters.horizontal_m[:2], draw(0.0, 0.1)),
         ),
     )
-    return Situation(
+    return Trial(
         water(
             drawn,
             depth_m=DEPTH_M,
@@ -80,7 +80,7 @@ def rough(seed: int) -> Situation:
     )
 
 
-def axes(seed: int) -> Situation:
+def axes(seed: int) -> Trial:
     """Draw 1/3 to 3 times the thrust on each axis, another lag, hidden delay, and a link."""
     base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 33)).uniform
     surge, sway, heave, yaw = (3.0 ** draw(-1.0, 1.0) for _ in range(4))
@@ -88,7 +88,7 @@ def axes(seed: int) -> Situation:
     gains, lag_s = (surge, sway, heave, 1.0, 1.0, yaw), draw(0.0, 0.3)
     drawn = later(replace(base, thrusters=replace(base.thrusters, axis_gain=gains, lag_s=lag_s)), hidden_s)
     plant = water(drawn, depth_m=DEPTH_M, dvl=True, current_m_s=0.0)
-    return Situation(plant, link=LinkDelay(up_s=0.001 + half_s, down_s=0.001 + half_s))
+    return Trial(plant, link=LinkDelay(up_s=0.001 + half_s, down_s=0.001 + half_s))
 
 
 def later(plant: SimConfig, hidden_s: float) -> SimConfig:
@@ -98,7 +98,7 @@ def later(plant: SimConfig, hidden_s: float) -> SimConfig:
     return replace(plant, sensors=replace(plant.sensors, **older))
 
 
-def light(seed: int, *, moves: bool) -> Situation:
+def light(seed: int, *, moves: bool) -> Trial:
     """Draw the water of a vehicle with 0.4 of the inertia, and thrusters without lag."""
     base, draw = load_config(DEFAULT_CONFIG), np.random.default_rng((seed, 34)).uniform
     hull = base.hull
@@ -117,10 +117,10 @@ def light(seed: int, *, moves: bool) -> Situation:
     plant = water(
         drawn, depth_m=DEPTH_M, dvl=False, current_m_s=0.0, waves_m=waves_m, period_s=draw(3.5, 5.0)
     )
-    return Situation(plant, path if moves else hold)
+    return Trial(plant, path if moves else hold)
 
 
-def tank(seed: int, sea: str, *, late: bool) -> Situation:
+def tank(seed: int, sea: str, *, late: bool) -> Trial:
     """Draw the water of the Heavy that was measured in a tank, "calm", "waves", "path" or "place"."""
     base, draw = load_config(TANK), np.random.default_rng((seed, 31)).uniform
     vehicle = replace(base, thrusters=replace(base.thrusters, start_s=LATE_S if late else 0.0))
@@ -130,8 +130,8 @@ def tank(seed: int, sea: str, *, late: bool) -> Situation:
         still = water(
             vehicle, depth_m=DEPTH_M, dvl=False, current_m_s=0.0, waves_m=waves_m, period_s=period_s
         )
-        return Situation(still, path if sea == "path" else hold)
-    return Situation(
+        return Trial(still, path if sea == "path" else hold)
+    return Trial(
         water(
             vehicle,
             depth_m=DEPTH_M,

@@ -1,4 +1,4 @@
-"""`holdfast lab paper`: the whole command once, against figures that another simulation found before it."""
+"""`holdfast lab paper`: the whole command once, and its law against plain Python."""
 
 import json
 import math
@@ -10,7 +10,16 @@ import pytest
 
 from lab.commands import paper
 from lab.paper.results import EXACT, LAW, NETWORK, checks, middle
-from lab.paper.simulation import COMPENSATORS, DISTURBANCES, LAWS, Figures, PaperCase, dive, figures, table
+from lab.paper.simulation import (
+    COMPENSATORS,
+    DISTURBANCES,
+    LAWS,
+    PaperCase,
+    PaperFigures,
+    dive,
+    figures,
+    table,
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +33,7 @@ def folder(tmp_path_factory):
 def results(folder):
     records = json.loads((folder / "paper.json").read_text())
     split = [({name: row.pop(name) for name in asdict(LAW)}, row) for row in records]
-    return MappingProxyType({PaperCase(**case): Figures(**found) for case, found in split})
+    return MappingProxyType({PaperCase(**case): PaperFigures(**found) for case, found in split})
 
 
 def test_every_combination_is_there_once(results):
@@ -44,7 +53,6 @@ def test_every_check_holds(results):
         ("orbit_mm", NETWORK, 1.5, "smaller orbit"),
         ("peak_rate_mm_s", NETWORK, 0.8, "larger overshoot"),
         ("rms_mm", replace(LAW, law="printed"), 1.05, "as printed"),
-        ("rms_mm", PaperCase("sine"), 1.05, "sine: deviation"),
     ],
 )
 def test_a_result_that_differs_fails_its_check(results, figure, case, factor, text):
@@ -65,9 +73,9 @@ def test_the_printed_form_is_worse_in_every_water(results):
 
 
 def test_the_folder_has_the_four_figures(folder):
-    pictures = sorted(folder.glob("out/*"))
-    assert [path.name for path in pictures] == [f"figure{number}.png" for number in range(1, 5)]
-    assert all(path.stat().st_size > 20_000 for path in pictures)
+    sizes = {path.name: path.stat().st_size for path in folder.glob("out/*")}
+    assert sizes.keys() == {f"figure{number}.png" for number in range(1, 5)}
+    assert min(sizes.values()) > 20_000
 
 
 def plain_python(k):

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Dive, Somebody, hold
+from virtual import Somebody, hold
 
 from companion.config import load_config
 from companion.records import Condition, Request, State
 from lab.loop.dive import dive as scenario_dive
-from lab.loop.firmware import Firmware
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import four
 from lab.studies.courses import COURSES, sail
@@ -24,33 +23,9 @@ FAILSAFE_S = 3.0
 
 
 @pytest.fixture
-def dived(ardusub):
-    """Make dives with the firmware that are closed after the test."""
-    opened = []
-
-    def make(*plant, **arguments):
-        arguments.setdefault("setpoint", hold(DEPTH_M))
-        one = Dive(*DIVED, *plant, firmware=ardusub, **arguments)
-        assert isinstance(one.vehicle, Firmware)
-        opened.append(one.vehicle)
-        return one
-
-    yield make
-    for vehicle in opened:
-        vehicle.close()
-
-
-@pytest.fixture
-def holding(dived):
-    """Make dives that have held for three seconds."""
-
-    def make(*plant, **arguments):
-        one = dived(*plant, **arguments).until(State.ACTIVE, 12.0)
-        one.run(3.0)
-        assert one.state is State.ACTIVE, one.step.sample.verdict.reason
-        return one
-
-    return make
+def dived(dived):
+    """Make dives at one depth; `holding` makes of these dives that hold."""
+    return lambda *plant, **more: dived(*DIVED, *plant, **{"setpoint": hold(DEPTH_M)} | more)
 
 
 def errors_mm(steps):
@@ -109,38 +84,22 @@ def test_depth_only_leaves_the_heading_to_the_firmware(holding):
     assert all(axes[3] == 0.0 for _, axes in dive.tap.frames)
 
 
-def test_a_place_is_held_with_a_dvl_in_current_and_waves(holding):
-    dive = holding(
-        *("sensors.dvl=true", "waves.enabled=true", "current.enabled=true", "current.speed_m_s=0.4"),
-        setpoint=hold(DEPTH_M, 0.3, 0.0, 0.0),
-    )
-    steps = dive.run(45.0)
-    assert dive.state is State.ACTIVE
-    tilts = np.degrees(np.abs([step.truth.eta[3:5] for step in steps]))
-    places = np.array([step.truth.eta[:2] for step in steps[-1000:]])
-    assert tilts.max() < 15.0
-    assert np.abs(places).max() < 0.25
-    assert errors_mm(steps[500:]).std() < 15.0
-
-
 # --- The pilot --------------------------------------------------------------------------------------------
 
 
-def test_a_stick_of_somebody_else_takes_over_at_once(holding):
+@pytest.mark.parametrize("how", ["stick", "mode"])
+def test_a_stick_or_a_mode_of_somebody_else_takes_over_at_once(holding, how):
     dive = holding()
     began_s = dive.t_s
-    dive.tap.spoil = lambda now_s, inbox: [*inbox, (round((1000.0 + now_s) * 1e9), Somebody().stick())]
-    dive.run(1.0)
-    assert dive.state is State.PILOT
-    assert dive.tap.last_thrust_s - began_s < 0.1
-
-
-def test_another_mode_takes_over_at_once(holding):
-    dive = holding()
-    dive.fault("mode", value=ALT_HOLD)
+    if how == "stick":
+        frame = Somebody().stick()
+        dive.tap.spoil = lambda now_s, inbox: [*inbox, (round((1000.0 + now_s) * 1e9), frame)]
+    else:
+        dive.fault("mode", value=ALT_HOLD)
     dive.run(1.5)
     assert dive.state is State.PILOT
-    assert dive.step.truth.mode == ALT_HOLD
+    assert dive.tap.last_thrust_s - began_s < (0.1 if how == "stick" else 1.1)
+    assert dive.step.truth.mode == (MANUAL if how == "stick" else ALT_HOLD)
     assert dive.step.truth.armed
 
 
@@ -228,20 +187,24 @@ def test_after_a_reboot_it_waits_to_be_asked_again(holding):
     assert dive.step.truth.armed
 
 
-def test_a_pilot_failsafe_that_is_switched_off_ends_the_hold(holding):
+@pytest.mark.parametrize(
+    ("fault", "seconds", "state", "condition", "armed"),
+    [
+        ({"kind": "parameter", "parameter": "FS_PILOT_INPUT"}, 4.0, None, Condition.FAILSAFE_UNSAFE, None),
+        ({"kind": "link_cut"}, 6.0, State.FAULT, None, False),
+        ({"kind": "disarm"}, 5.0, State.IDLE, None, False),
+        ({"kind": "voltage", "value": 12.0}, 12.0, None, Condition.BATTERY_LOW, None),
+    ],
+    ids=lambda value: value["kind"] if isinstance(value, dict) else "",
+)
+def test_what_ends_the_hold_or_warns_on_the_firmware_too(holding, fault, seconds, state, condition, armed):
     dive = holding()
-    dive.fault("parameter", parameter="FS_PILOT_INPUT", value=0.0)
-    dive.run(4.0)
-    assert State.RAMP_DOWN in dive.states_since(0.0)
-    assert Condition.FAILSAFE_UNSAFE in dive.step.sample.verdict.conditions
-
-
-def test_a_link_that_is_cut_ends_in_silence_and_the_firmware_disarms(holding):
-    dive = holding()
-    dive.fault("link_cut")
-    dive.run(6.0)
-    assert dive.state is State.FAULT
-    assert not dive.step.truth.armed
+    dive.fault(**fault)
+    dive.run(seconds)
+    assert state is None or dive.state is state
+    assert condition is None or condition in dive.step.sample.verdict.conditions
+    assert armed is None or dive.step.truth.armed is armed
+    assert State.RAMP_DOWN in dive.states_since(0.0) or condition is not Condition.FAILSAFE_UNSAFE
 
 
 def test_a_link_that_pauses_is_ridden_out(holding):
@@ -253,14 +216,6 @@ def test_a_link_that_pauses_is_ridden_out(holding):
     assert dive.states_since(since_s) == [State.ACTIVE]
     assert dive.step.truth.armed
     assert abs(dive.step.truth.eta[2] - depth_m) < 0.04
-
-
-def test_disarmed_by_somebody_it_stays_disarmed(holding):
-    dive = holding()
-    dive.fault("disarm")
-    dive.run(5.0)
-    assert dive.state is State.IDLE
-    assert not dive.step.truth.armed
 
 
 def test_handing_over_goes_through_stabilize_and_does_not_dip(holding):
@@ -276,13 +231,6 @@ def test_handing_over_goes_through_stabilize_and_does_not_dip(holding):
     assert np.abs(depths_m - depths_m[0]).max() < 0.10, "entered straight from MANUAL it dips by up to 0.5 m"
     assert abs(depths_m[-1] - depth_m) < 0.40, "it floats up in the second of neutral before"
     assert dive.step.truth.armed
-
-
-def test_a_drained_battery_is_reported(holding):
-    dive = holding()
-    dive.fault("voltage", value=12.0)
-    dive.run(12.0)
-    assert Condition.BATTERY_LOW in dive.step.sample.verdict.conditions
 
 
 # --- ArduSub's own position modes ---------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from rich.console import Console
 from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
 from holdfast import RefusedError, main
-from lab import commands
 from lab.loop.scenarios import ensemble, four
 from lab.studies import search as searching
 from lab.studies import tune
@@ -35,7 +34,7 @@ from lab.studies.fidelity import Fidelity
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.reality import FIRST_SEED as FIRST_REAL_SEED
 from lab.studies.rivals import ROWS, Rivals, steered
-from lab.studies.search import Found, Stage, scores, search, training, training_of_reality
+from lab.studies.search import SearchResult, Stage, scores, search, training, training_of_reality
 from lab.studies.statistics import interval, student
 from lab.study import Row, Study, by, parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -222,7 +221,7 @@ def test_a_search_turns_the_depth_of_each_row_and_then_its_place(monkeypatch: py
 
     def stand_in(stage, load, *_, **__):
         judged.append((stage.place, load(()).laws.get("indi_depth", {}).get("omega")))
-        return Found({key: 1.5 * start for key, start in stage.knobs.items()}, 3.0, 4.0, 10)
+        return SearchResult({key: 1.5 * start for key, start in stage.knobs.items()}, 3.0, 4.0, 10)
 
     monkeypatch.setattr(tune, "search", stand_in)
     arguments = parser_of(tune.Tune).parse_args(["indi"])
@@ -295,9 +294,9 @@ def test_without_a_firmware_the_command_says_what_to_set(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("HOLDFAST_ARDUSUB", raising=False)
-    assert commands.bench(["firmware"]) == 2
-    assert commands.bench(["dives", "--firmware"]) == 2
-    assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
+    for arguments in (["firmware"], ["dives", "--firmware"]):
+        assert main(["lab", "bench", *arguments]) == 2
+        assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
 
 
 def test_published_vehicles_are_within_the_ranges() -> None:

@@ -1,6 +1,9 @@
 """Every link in the documents leads somewhere, and what they quote is what the program says."""
 
+import ast
+import io
 import re
+import tokenize
 from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
@@ -72,6 +75,47 @@ def test_every_command_that_a_page_shows_exists_with_its_options(page):
                 continue
             assert command in known, line
             assert set(re.findall(r"(?<!\S)--[a-z][a-z-]*", rest)) <= options(command), line
+
+
+PACKAGES = "companion|sim_bridge|lab|dashboard|holdfast"
+MODULE = re.compile(rf"(?<![\w./@'\"-])(?:{PACKAGES})(?:\.[A-Za-z_]\w*)+(?![\w/-])")
+FILE = re.compile(rf"(?<![\w./-])(?:{PACKAGES}|tests|blueos|systemd)/[\w/.-]*\w\.(?:py|toml|md)\b")
+NO_MODULE = re.compile(r"\.(toml|token|v1|laws|compensators)$")
+"""Files, schemas and groups of entry points have dots too."""
+SOURCES = sorted(path for name in (*PACKAGES.split("|"), "tests") for path in (ROOT / name).rglob("*.py"))
+
+
+def prose(path):
+    """A page without its examples; of a program the docstrings and comments."""
+    text = path.read_text()
+    if path.suffix == ".md":
+        return FENCE.sub("", text)
+    strings = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
+    said = [one.value for one in strings if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return "\n".join([*said, *(token.string for token in tokens if token.type == tokenize.COMMENT)])
+
+
+def is_there(name):
+    """Whether a dotted name leads to a module, and what follows stands in it."""
+    place, parts = ROOT, name.split(".")
+    while parts and (place / parts[0]).is_dir():
+        place /= parts.pop(0)
+    module = place / "__init__.py"
+    if parts and (place / f"{parts[0]}.py").is_file():
+        module = place / f"{parts.pop(0)}.py"
+    words = set(re.findall(r"\w+", module.read_text())) if module.is_file() else set()
+    return words >= set(parts)
+
+
+def test_no_dead_module_is_named_in_prose():
+    assert not is_there("companion.types")
+    pages = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent.name != "decisions"]
+    found = {(path, name) for path in (*pages, *SOURCES) for name in MODULE.findall(prose(path))}
+    dead = {(str(path), name) for path, name in found if not (NO_MODULE.search(name) or is_there(name))}
+    files = {(path, name) for path in (*pages, *SOURCES) for name in FILE.findall(prose(path))}
+    dead |= {(str(path), name) for path, name in files if not (ROOT / name).exists()}
+    assert not dead
 
 
 def test_troubleshooting_names_conditions():

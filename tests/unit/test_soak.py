@@ -11,7 +11,7 @@ import pytest
 from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations import soak
-from lab.operations.soak import ChildError, Heard, Minute, allocated_kb, figures
+from lab.operations.soak import ChildError, Minute, SoakLog, allocated_kb, figures
 
 
 def test_what_a_process_allocates_is_counted() -> None:
@@ -19,7 +19,7 @@ def test_what_a_process_allocates_is_counted() -> None:
 
 
 def test_leaving_active_is_counted_by_its_reason() -> None:
-    heard = Heard()
+    heard = SoakLog()
     for state, reason in (("READY", ""), ("ACTIVE", "engaged"), ("PILOT", "a stick"), ("ACTIVE", "engaged")):
         record = telemetry.Supervisor(
             t_s=1.0, boot_s=1.0, state=state, conditions=(), authority=0.0, reason=reason
@@ -48,7 +48,7 @@ def _recorder(lost: int) -> telemetry.Recorder:
 
 
 def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
-    found = figures(Heard(recorder=_recorder(0)), [_minute(number) for number in range(1, 31)])
+    found = figures(SoakLog(recorder=_recorder(0)), [_minute(number) for number in range(1, 31)])
     assert found["run_memory_mb"] == 50.0
     assert found["run_slope_kb_h"] == pytest.approx(2_400.0)
     assert (found["lateness_p50_ms"], found["lateness_max_ms"]) == (0.1, 30.0)
@@ -59,7 +59,7 @@ def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
 def test_a_lost_record_or_a_dead_process_ends_with_1(
     lost: int, dies: bool, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def minutes(seconds: float, logs: Path, heard: Heard) -> Iterator[Minute]:
+    def minutes(seconds: float, logs: Path, heard: SoakLog) -> Iterator[Minute]:
         assert seconds == 60.0
         heard.recorder = _recorder(lost)
         yield _minute(1)
