@@ -1,7 +1,7 @@
 """The vehicle's body in the water: thrusters, hull, sea, tether, load and battery, driven by motor PWM alone.
 
-It knows no autopilot: `sim_bridge.vehicle` drives it with our stand-in firmware, `sim_bridge.physics.json_physics`
-with the real one.
+It knows no autopilot: `sim_bridge.vehicle` drives it with our stand-in firmware,
+`sim_bridge.physics.json_physics` with the real one.
 """
 
 import math
