@@ -25,12 +25,6 @@ def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
     assert ("info", "condition", "the vehicle is armed") in events
 
 
-def test_a_quiet_tick_tells_nothing():
-    dive, log = active(), EventLog()
-    reported(dive, 0.1, log)
-    assert reported(dive, 2.0, log) == []
-
-
 def test_a_fault_is_reported_with_its_condition_once():
     dive, log = active(), EventLog()
     reported(dive, 0.1, log)
@@ -69,14 +63,4 @@ def test_commands_are_reported_with_their_answer():
         ("info", "command", "hold depth 5 m: on its way"),
         ("warning", "command", "engage: refused: no"),
         ("warning", "condition", "another companion of this name came: instance 47\\n11"),
-    ]
-
-
-def test_a_link_that_turned_to_another_sender_is_reported():
-    dive = active()
-    events = EventLog().step(
-        dive.run(0.02)[-1].sample, peer_changes=["vehicle link: 10.0.0.2:14550 speaks now"]
-    )
-    assert ("warning", "condition", "vehicle link: 10.0.0.2:14550 speaks now") in [
-        (event.severity, event.kind, event.text) for event in events
     ]

@@ -66,33 +66,12 @@ def test_a_quiet_dive_is_quiet_and_its_numbers_are_those_of_the_sample():
     assert 60.0 < last["HfReserve"] < 100.0
 
 
-def test_a_load_takes_from_the_reserve():
-    left = []
-    for weight_n in (0.0, 30.0):
-        dive = active("load.enabled=true", f"load.weight_n={weight_n}", "load.on_s=0", seconds=8.0)
-        left.append({m.name: m.value for m in Shown(dive).run(1.0)}["HfReserve"])
-    assert left[1] < left[0] - 10.0
-
-
 def test_without_a_pilots_link_one_sequence_numbers_heartbeats_and_words():
     """The vehicle forwards both: a gap would count as loss at the ground station."""
     shown = Shown(active())
     shown.run(5.0)
     assert len(shown.sequence) > 70
     assert all((now - last) % 256 == 1 for last, now in pairwise(shown.sequence))
-
-
-def test_beside_the_display_the_bytes_to_the_vehicle_stay_the_same():
-    sent = []
-    for watched in (False, True):
-        dive, out = Dive(pilot=True), []
-        if watched:
-            Shown(dive)
-        for _ in range(50):
-            dive.run(0.1)
-            out.append(dive.step.truth.motor_pwm)
-        sent.append((out, bytes(dive.cockpit.passed)))
-    assert sent[0] == sent[1]
 
 
 class Hands:
@@ -194,19 +173,6 @@ def test_the_actions_for_qgroundcontrol_are_those_that_holdfast_takes():
     assert [(action["compId"], action["mavCmd"], action["param1"]) for action in actions] == [
         (COMPONENT, mavlink.MAV_CMD_USER_1, number) for number in PilotAction
     ]
-
-
-def test_an_engage_that_is_refused_says_why_at_the_ground_station():
-    dive = Dive(pilot=True, engage=False, arm=False)
-    shown, hands = Shown(dive), Hands(dive, behind=True)
-    shown.run(4.0)
-    hands.send(command(ENGAGE))
-    messages = shown.run(0.5)
-    assert results(messages) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
-    [(severity, text)] = joined(messages)
-    assert severity == mavlink.MAV_SEVERITY_WARNING
-    assert text.startswith("Holdfast: engage by button: refused: the vehicle is disarmed; to do: arm")
-    assert dive.state is State.IDLE
 
 
 def by_cockpit(name):

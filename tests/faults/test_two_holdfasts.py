@@ -123,24 +123,17 @@ def test_who_came_later_does_not_engage_and_both_tell(router):
 
 
 @pytest.mark.parametrize("router", ROUTERS)
-@pytest.mark.parametrize("apart_s", [0.0, 1.0])
-def test_of_two_that_came_together_neither_steers(router, apart_s):
+def test_of_two_that_came_together_neither_steers_until_one_has_gone(router):
     routed = Routed(router)
-    both = [routed.begin(), routed.run(apart_s).begin()]
+    both = [routed.begin(), routed.run(1.0).begin()]
     routed.run(9.0)
     assert all(FIRST in one.conditions and one.state is State.IDLE for one in both)
     assert routed.rests()
-
-
-@pytest.mark.parametrize("router", ["forwards", "hides"])
-def test_when_the_older_one_has_gone_the_other_may_engage(router):
-    routed, older = holding(router)
-    younger = routed.begin()
-    routed.run(3.0)
-    routed.holdfasts.remove(older)
+    routed.holdfasts.remove(both[0])
+    both[1].requests.append(Request.ENGAGE)
     routed.run(8.0)
-    assert younger.state is State.ACTIVE
-    assert FIRST.ended in younger.told
+    assert both[1].state is State.ACTIVE
+    assert FIRST.ended in both[1].told
 
 
 @pytest.mark.parametrize("router", ["forwards", "hides"])

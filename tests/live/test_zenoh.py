@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -125,26 +124,6 @@ def test_a_query_returns_the_last_sample_of_every_key(
     assert commands == []
 
 
-def test_samples_come_in_order_and_lose_nobody(
-    endpoint: str, make_sample: Callable[..., ControlSample]
-) -> None:
-    with Publisher("kelp", endpoint) as publisher, Subscription("holdfast/kelp/state", endpoint) as seen:
-        came: list[Message] = []
-
-        def all_came() -> bool:
-            came.extend(seen.take())
-            return bool(came) and _t_s(came[-1]) == 99.0
-
-        until(lambda: seen.connected)
-        for index in range(100):
-            publisher.offer(make_sample(t_s=float(index)))
-            time.sleep(0.005)
-        until(all_came)
-    # The subscription may have been declared just after the first ones left.
-    assert all(_t_s(after) - _t_s(before) == 1.0 for before, after in pairwise(came))
-    assert publisher.dropped == 0
-
-
 def test_a_dashboard_outlives_a_restart_of_the_companion(endpoint: str, feed: Feed) -> None:
     with Subscription("holdfast/kelp/**", endpoint) as seen:
         for _ in range(2):
@@ -153,17 +132,6 @@ def test_a_dashboard_outlives_a_restart_of_the_companion(endpoint: str, feed: Fe
                 until(lambda: bool(seen.take()))
             until(lambda: not seen.connected)
             seen.take()
-
-
-def test_of_two_companions_the_one_that_stays_takes_over(endpoint: str, feed: Feed) -> None:
-    with Publisher("kelp", endpoint) as one, Subscription("holdfast/**", endpoint) as seen:
-        feed(one)
-        until(lambda: bool(seen.take()))
-        with Publisher("wrack", endpoint) as two:
-            feed(two)
-            until(lambda: {"kelp", "wrack"} <= _vehicles(seen))
-            one.close()
-            until(lambda: _vehicles(seen) == {"wrack"})
 
 
 def test_a_router_is_joined_and_given_time_to_come_back(
@@ -239,18 +207,6 @@ def test_only_loopback_is_this_machine() -> None:
     foreign = ("127.evil.example", "localhost.example", "0.0.0.0", "[::]", "192.168.2.2")
     for other in (*(f"tcp/{host}:7447" for host in foreign), "unixsock-stream//tmp/x", "nonsense"):
         assert not zenoh_io.is_loopback(other)
-
-
-def test_the_token_tells_who_lives(endpoint: str) -> None:
-    reported: list[zenoh.SampleKind] = []
-    with Publisher("wrack", endpoint), _stranger("client", endpoint) as session:
-        watching = session.liveliness().declare_subscriber(
-            telemetry.key("kelp", "alive", "*"), lambda sample: reported.append(sample.kind), history=True
-        )
-        with watching:
-            with Publisher("kelp", endpoint):
-                until(lambda: reported == [zenoh.SampleKind.PUT])
-            until(lambda: reported == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE])
 
 
 @pytest.mark.parametrize("attempt", range(2))
@@ -393,11 +349,6 @@ def _claims(publisher: Publisher) -> bool:
 
 def _t_s(message: Message) -> float:
     return telemetry.decode(message.key, message.payload).t_s
-
-
-def _vehicles(seen: Subscription) -> set[str]:
-    time.sleep(0.2)
-    return {message.key.split("/")[1] for message in seen.take()}
 
 
 def test_a_recorder_that_comes_late_gets_the_raw_ticks_from_the_first(

@@ -39,11 +39,6 @@ def test_manual_control_is_bounded(command, gain, throttle_gain):
     CODEC.encode(message)
 
 
-@given(any_command, st.sampled_from(("rc_override", "manual_control")), any_gain, any_gain)
-def test_quantised_demands_are_bounded(command, path, gain, throttle_gain):
-    assert all(-1.0 <= axis <= 1.0 for axis in quantise(command, path, gain, throttle_gain))
-
-
 @given(unit_command)
 def test_override_rounds_by_half_a_step_at_most(command):
     applied = quantise(command, "rc_override")

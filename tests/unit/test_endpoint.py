@@ -35,8 +35,3 @@ def test_anything_else_stops_the_start_with_key_value_and_what_is_allowed(text):
     assert "link.endpoint" in said
     assert repr(text) in said
     assert FORMS in said
-
-
-def test_an_unknown_baud_rate_is_answered_with_those_there_are():
-    with pytest.raises(ValueError, match=r"9600, .*115200, .*921600"):
-        Endpoint.parse("serial:/dev/ttyACM0:12345")

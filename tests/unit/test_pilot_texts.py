@@ -93,12 +93,6 @@ def test_conditions_and_refusals_are_told_and_what_the_pilot_has_from_elsewhere_
     assert Screen().tick(happened) == told
 
 
-def test_while_holdfast_does_not_steer_no_condition_begins_for_the_pilot():
-    screen = Screen()
-    assert screen.tick(begins(C.WRONG_MODE), authority=0.0) == []
-    assert screen.tick(ends(C.WRONG_MODE), authority=0.0) == []
-
-
 def test_a_fault_is_told_once_and_the_end_of_its_cause():
     """The reason says what the conditions of the same tick say."""
     screen = Screen()

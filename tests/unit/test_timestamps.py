@@ -1,14 +1,12 @@
 """Signing timestamps over restarts: nothing that was believed is believed again."""
 
-import logging
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
 from companion.mavlink.codec import Codec
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S, Signing
-from companion.mavlink.timestamps import AHEAD, TimestampFile, timestamp_path
+from companion.mavlink.timestamps import AHEAD, TimestampFile
 
 KEY = bytes(range(32))
 UTC_S = 1_795_000_000.0
@@ -96,12 +94,6 @@ def test_our_own_timestamps_go_on_though_the_clock_was_set_back(path):
     assert Process(path, utc_s=EPOCH_S).signings["vehicle"].next_timestamp() > last
 
 
-def test_the_first_start_says_that_nothing_is_known(path, caplog):
-    caplog.set_level(logging.INFO, logger="holdfast")
-    Process(path)
-    assert f"{path} is not there" in caplog.text
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -137,14 +129,3 @@ def test_a_folder_that_takes_nothing_is_said_once(tmp_path, caplog):
     process.writes()
     process.ends()
     assert caplog.text.count("timestamps cannot be kept") == 1
-
-
-def test_where_it_is_kept(monkeypatch, tmp_path):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    for name in ("STATE_DIRECTORY", "XDG_STATE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    assert timestamp_path("kelp") == tmp_path / ".local/state/holdfast/signing-kelp.json"
-    monkeypatch.setenv("XDG_STATE_HOME", "/xdg")
-    assert str(timestamp_path("kelp")) == "/xdg/holdfast/signing-kelp.json"
-    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/holdfast:/var/lib/other")
-    assert str(timestamp_path("kelp")) == "/var/lib/holdfast/signing-kelp.json"
