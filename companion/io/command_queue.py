@@ -35,26 +35,8 @@ from companion.records import (
     vector,
 )
 from companion.steps import Steps, Task
-from companion.telemetry.commands import (
-    COMMANDS,
-    ClearFault,
-    CommandResult,
-    Engage,
-    Follow,
-    Goto,
-    Payload,
-    Release,
-    ResetModel,
-    SetCompensator,
-    SetEstimator,
-    SetGains,
-    SetPath,
-    SetSetpoint,
-    SetVelocity,
-    in_words,
-    named,
-    parse,
-)
+from companion.telemetry import commands
+from companion.telemetry.commands import Payload, in_words, named, parse
 from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging, text
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
@@ -62,10 +44,10 @@ from companion.telemetry.status_line import left_text
 log = logging.getLogger("holdfast")
 
 REQUESTS: dict[type[Payload], Request] = {
-    Engage: Request.ENGAGE,
-    Release: Request.STOP,
-    ClearFault: Request.CLEAR_FAULT,
-    ResetModel: Request.RESET_MODEL,
+    commands.Engage: Request.ENGAGE,
+    commands.Release: Request.STOP,
+    commands.ClearFault: Request.CLEAR_FAULT,
+    commands.ResetModel: Request.RESET_MODEL,
 }
 MAX_WAITING = 8
 COST = 16
@@ -139,7 +121,7 @@ class CommandQueue:
     """Takes commands between ticks, gives them to the engine, answers after the tick."""
 
     started_with: Config
-    results: list[CommandResult] = field(default_factory=list)
+    results: list[commands.CommandResult] = field(default_factory=list)
     """What was answered in this tick."""
 
     _waiting: deque[_Command] = field(default_factory=deque)
@@ -194,7 +176,7 @@ class CommandQueue:
         except Exception as error:
             self._answer(command, Reply(done=False, said=f"refused: {_why(error)}"))
             return given
-        engages = isinstance(command.payload, Engage)
+        engages = isinstance(command.payload, commands.Engage)
         command.until_s = now_s + (ENGAGE_S if engages else SETTLE_S + command.old.supervisor.ramp_down_s)
         self._taken.append(command)
         return given
@@ -216,7 +198,7 @@ class CommandQueue:
 
     def _preparing(self, payload: Payload, engine: Controllable) -> Steps[Order | None]:
         """Return the order that a command is; None for another command."""
-        if isinstance(payload, SetEstimator):
+        if isinstance(payload, commands.SetEstimator):
             yield from engine.preparing(self._retuned(engine.config, payload))
             return None
         return (yield from ordering(payload, self.started_with))
@@ -229,7 +211,7 @@ class CommandQueue:
         if not self.prepare(engine, 1):
             return bool(self._waiting)
         payloads = [command.payload for command in self._waiting]
-        first = next((i for i, payload in enumerate(payloads) if isinstance(payload, Release)), 0)
+        first = next((i for i, payload in enumerate(payloads) if isinstance(payload, commands.Release)), 0)
         for _ in range(first):
             self._answer(
                 self._waiting.popleft(), Reply(done=False, said="withdrawn: a release came after it")
@@ -255,20 +237,20 @@ class CommandQueue:
         if task is not None and task.result is not None:
             engine.guide(task.result)
             return given._replace(order=(command.received.name, command.received.payload))
-        if isinstance(payload, SetSetpoint):
+        if isinstance(payload, commands.SetSetpoint):
             return given._replace(setpoint=self._aim(engine, payload))
-        if isinstance(payload, SetCompensator | SetGains | SetEstimator):
+        if isinstance(payload, commands.SetCompensator | commands.SetGains | commands.SetEstimator):
             engine.retune(self._retuned(command.old, payload))
             return given._replace(config=engine.config)
         request = REQUESTS[type(payload)]
         if why := engine.refusal(request):
             raise ValueError(why)
         for taken in self._taken:
-            if request is Request.STOP and isinstance(taken.payload, Engage):
+            if request is Request.STOP and isinstance(taken.payload, commands.Engage):
                 taken.refused = "withdrawn: the vehicle was released meanwhile"
         return given._replace(requests=[*given.requests, request])
 
-    def _aim(self, engine: Controllable, payload: SetSetpoint) -> Setpoint:
+    def _aim(self, engine: Controllable, payload: commands.SetSetpoint) -> Setpoint:
         given = named(payload)
         wanted = list(engine.asked)
         for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
@@ -284,7 +266,9 @@ class CommandQueue:
         engine.aim(setpoint)
         return setpoint
 
-    def _retuned(self, config: Config, payload: SetCompensator | SetGains | SetEstimator) -> Config:
+    def _retuned(
+        self, config: Config, payload: commands.SetCompensator | commands.SetGains | commands.SetEstimator
+    ) -> Config:
         axis, wanted = _changes(payload)
         old = getattr(config, axis)
         if not getattr(payload, "confirm", True):
@@ -311,24 +295,24 @@ class CommandQueue:
             "conditions": [condition.name for condition in verdict.conditions],
             "remedy": verdict.remedy,
         }
-        if isinstance(payload, Engage):
+        if isinstance(payload, commands.Engage):
             return self._engaged(command, engine, sample, late, value)
-        if isinstance(payload, ResetModel):
+        if isinstance(payload, commands.ResetModel):
             return Reply(done=True, said="the nominal model is in use again", value=value)
-        if isinstance(payload, Release):
+        if isinstance(payload, commands.Release):
             if verdict.authority > 0.0 and not late:
                 return None
             was_held = command.was in (State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER)
             said = "released" if was_held else "it was not engaged; a request to engage, if any, is withdrawn"
             nobody = f"; {NOBODY.format(sample.disarms_in_s)}" if sample.disarms_in_s else ""
             return Reply(done=verdict.authority == 0.0, said=f"{said}. {is_now}{nobody}", value=value)
-        if isinstance(payload, ClearFault):
+        if isinstance(payload, commands.ClearFault):
             if faulty and not late:
                 return None
             return Reply(done=not faulty, said=f"{'refused' if faulty else 'cleared'}. {is_now}", value=value)
-        if isinstance(payload, Goto | Follow | SetPath | SetVelocity):
+        if isinstance(payload, commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity):
             return self._guided(engine, sample, value)
-        if isinstance(payload, SetSetpoint):
+        if isinstance(payload, commands.SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")
             return Reply(done=True, said=said, value=self._aimed(engine, sample))
         assert payload is not None
@@ -398,9 +382,9 @@ class CommandQueue:
 
     def _answer(self, command: _Command, reply: Reply) -> None:
         name, payload = command.received.name, command.payload
-        known = COMMANDS.get(name)
+        known = commands.COMMANDS.get(name)
         order = in_words(payload) if payload else known.order if known else name[:40]
-        self.results.append(CommandResult(order, reply))
+        self.results.append(commands.CommandResult(order, reply))
         command.received.answer(reply)
 
 

@@ -91,15 +91,11 @@ class Codec:
 
     Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
     each stretch of it counts once. Frames from others are foreign, except steering (docs/ardusub.md, "Who
-    may steer"): MANUAL_CONTROL to this vehicle, and RC_CHANNELS_OVERRIDE to whomever; and COMMAND_LONG from a
-    ground station with our system id to our component of the vehicle.
+    may steer"), and COMMAND_LONG from a ground station with our system id to our component of the vehicle.
 
-    Of datagrams nothing is kept from one to the next, so several peers' may mix; with `stream` the unfinished
-    frame at the end waits for its rest (`frames.Splitter`).
-
-    With `signing`, what is not signed with its key, or is replayed, is refused; without, none is looked at.
-
-    `wanted` are the message ids worth unpacking, all if None: others are counted as messages and dropped.
+    With `stream` an unfinished frame at the end waits for its rest (`frames.Splitter`). With `signing`, what
+    is not signed with its key, or is replayed, is refused; without, none is looked at. `wanted` are the
+    message ids worth unpacking, all if None: others are counted as messages and dropped.
     """
 
     def __init__(
@@ -206,14 +202,11 @@ class Codec:
             self.heard.vehicle_signs = bool(piece[2] & SIGNED)
         elif not rival:
             self.heard.frame(frame)
-        if not rival and not (from_vehicle and (self._wanted is None or frame.id in self._wanted)):
-            if from_vehicle:
-                self.counters.messages += 1
-            else:
-                self.counters.foreign += 1
+        if from_vehicle and self._wanted is not None and frame.id not in self._wanted:
+            self.counters.messages += 1
             return
-        message = frame.message()
-        if rival and getattr(message, "target", self._target[0]) != self._target[0]:
+        message = frame.message() if from_vehicle or rival else None
+        if message is None or (rival and getattr(message, "target", self._target[0]) != self._target[0]):
             self.counters.foreign += 1
             return
         self.counters.messages += 1

@@ -9,6 +9,7 @@ from typing import Final, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion import records
 from companion.mavlink.ardusub import (
     INT16_MAX,
     LEAVE_ALONE,
@@ -22,20 +23,7 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.frames import Frame
 from companion.mavlink.messages import Message
-from companion.records import (
-    Angles,
-    AttitudeTarget,
-    AxisCommand,
-    Event,
-    GlobalOrigin,
-    PilotAction,
-    PilotCommand,
-    PilotHeartbeat,
-    PilotInput,
-    PilotSticks,
-    PositionTarget,
-    Vector,
-)
+from companion.records import Angles, AxisCommand, Event, GlobalOrigin, PilotAction, Vector
 from companion.telemetry.degrees import metres
 
 ACTIONS: Final = frozenset(map(float, PilotAction))
@@ -48,7 +36,7 @@ def pilot_events(frame: Frame, t_s: float, origin: GlobalOrigin | None) -> Itera
 
 
 def _heartbeat(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
-    yield PilotHeartbeat(t_s)
+    yield records.PilotHeartbeat(t_s)
 
 
 def _sticks(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
@@ -56,12 +44,12 @@ def _sticks(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Eve
 
 
 def _override(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
-    yield PilotInput(t_s, override_deflection(m) or 0.0)
+    yield records.PilotInput(t_s, override_deflection(m) or 0.0)
 
 
-def pilot_sticks(m: Message, t_s: float) -> PilotSticks:
+def pilot_sticks(m: Message, t_s: float) -> records.PilotSticks:
     """Convert the pilot's MANUAL_CONTROL; INT16_MAX, MAVLink's word for an axis that is not there, rests."""
-    return PilotSticks(
+    return records.PilotSticks(
         t_s,
         AxisCommand(
             surge=from_stick(m.x),
@@ -77,10 +65,10 @@ def pilot_sticks(m: Message, t_s: float) -> PilotSticks:
     )
 
 
-def pilot_commands(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[PilotCommand]:
+def pilot_commands(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
     """Convert a COMMAND_LONG to our component; empty for another command than MAV_CMD_USER_1."""
     if m.command == mavlink.MAV_CMD_USER_1:
-        yield PilotCommand(t_s, PilotAction(int(m.param1)) if m.param1 in ACTIONS else None)
+        yield records.PilotCommand(t_s, PilotAction(int(m.param1)) if m.param1 in ACTIONS else None)
 
 
 def override_deflection(m: Message) -> float | None:
@@ -115,7 +103,7 @@ GLOBAL_FRAMES: Final = {
 """Whether an altitude is over the sea, not over the surface of the water that is dived in."""
 
 
-def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[PositionTarget]:
+def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
     """Convert SET_POSITION_TARGET_LOCAL_NED; empty where it asks for what is not supported, or for nothing.
 
     A force is not followed, and an acceleration only beside a velocity.
@@ -127,7 +115,7 @@ def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) 
         yield from _target(m, t_s, (m.x, m.y, m.z, heading), rate, frame)
 
 
-def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[PositionTarget]:
+def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
     """Convert SET_POSITION_TARGET_GLOBAL_INT, as above; empty for a place while no origin is known.
 
     As in ArduSub its heading is not read, and a depth that stands alone is under the EKF's origin.
@@ -144,7 +132,7 @@ def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterat
 
 def _target(
     m: Message, t_s: float, place: Vector, rate: float, frame: tuple[bool, bool, bool]
-) -> Iterator[PositionTarget]:
+) -> Iterator[Event]:
     """Give what the mask leaves of a target."""
     x, y, z, heading = place
     mask, nan = m.type_mask, math.nan
@@ -156,10 +144,10 @@ def _target(
     limits = (places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (accelerations, MAX_SPEED_MPS)
     far = any(abs(value) > most for values, most in limits for value in values)
     if not (far or mask & IS_FORCE or all(map(math.isnan, (*places, *speeds)))):
-        yield PositionTarget(t_s, places, speeds, accelerations, *frame)
+        yield records.PositionTarget(t_s, places, speeds, accelerations, *frame)
 
 
-def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[AttitudeTarget]:
+def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
     """Convert SET_ATTITUDE_TARGET; empty where it says nothing. As in ArduSub half thrust keeps the depth."""
     angles, heading, climb = Angles(math.nan, math.nan), math.nan, 0.0
     w, x, y, z = m.q
@@ -170,7 +158,7 @@ def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) 
     if not m.type_mask & IGNORES_THRUST and math.isfinite(m.thrust):
         climb = clip(2.0 * m.thrust - 1.0)
     if not math.isnan(heading) or climb != 0.0:
-        yield AttitudeTarget(t_s, angles, heading, climb)
+        yield records.AttitudeTarget(t_s, angles, heading, climb)
 
 
 Converter: TypeAlias = Callable[[Message, float, GlobalOrigin | None], Iterator[Event]]

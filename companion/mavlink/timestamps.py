@@ -81,12 +81,10 @@ class TimestampFile:
         except FileNotFoundError:
             log.info("signing: %s is not there, as at the first start: %s", self._path, without)
         except (OSError, msgspec.MsgspecError) as error:
-            log.warning(
-                "signing: %s cannot be used (%s) and is written again: %s", self._path, error, without
-            )
+            log.warning("signing: %s cannot be used (%s) and is made anew: %s", self._path, error, without)
         else:
             if content.key != self._key:
-                log.info("signing: %s is of another key and is written again", self._path)
+                log.info("signing: %s is of another key and is made anew", self._path)
                 return
             self._others = [stamp for stamp in content.seen if stamp.link not in self._signings]
             for link, signing in self._signings.items():
@@ -95,16 +93,13 @@ class TimestampFile:
 
     def write(self, ahead: int) -> None:
         """Put a whole file in the place of the old one; not synced, as that wears a memory card out."""
-        content = Content(
-            key=self._key,
-            timestamp=_later(max(signing.timestamp for signing in self._signings.values()), ahead),
-            seen=self._others
-            + [
-                Stamp(link, stream, _later(timestamp, ahead))
-                for link, signing in self._signings.items()
-                for stream, timestamp in signing.seen().items()
-            ],
-        )
+        ours = [
+            Stamp(link, stream, _later(timestamp, ahead))
+            for link, signing in self._signings.items()
+            for stream, timestamp in signing.seen().items()
+        ]
+        latest = max(signing.timestamp for signing in self._signings.values())
+        content = Content(key=self._key, timestamp=_later(latest, ahead), seen=self._others + ours)
         new = self._path.with_suffix(".new")
         try:
             self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
