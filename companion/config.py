@@ -181,8 +181,8 @@ class Axis(AxisModel, frozen=True):
     compensator: Annotated[
         str,
         means(
-            "estimates the disturbance: none, integrator, regressor, network, observer, one of "
-            "[compensators], or one of these +observer: docs/your-own-controller.md"
+            "estimates the disturbance: none, integrator, regressor, network, one of [compensators], "
+            "observer, or one with +observer: docs/your-own-controller.md"
         ),
     ] = "network+observer"
     learning_rate: ranges.LearningRate = 14.0

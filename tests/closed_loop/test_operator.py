@@ -188,7 +188,7 @@ def test_with_permission_it_is_done(allow, local):
         ("estimator", {"axis": "heave", "rate_noise": 1e-160, "confirm": True}, "1e-05 to 1"),
         ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
         ("gains", {"axis": "heave", "mass": 20.0}, "mass: unknown key"),
-        ("compensator", {"axis": "heave", "compensator": "magic"}, "joined by +"),
+        ("compensator", {"axis": "heave", "compensator": "magic"}, "+observer"),
         ("engage", {"now": True}, "now: unknown key"),
     ],
 )

@@ -10,7 +10,7 @@ from companion.mavlink import messages
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
 from companion.mavlink.pilot import attitude_target, global_target, position_target
-from companion.records import GlobalOrigin, Sender
+from companion.records import AttitudeTarget, GlobalOrigin, PositionTarget, Sender
 
 VEHICLE = (1, 1)
 US = (255, 25)
@@ -199,7 +199,7 @@ def test_one_of_three_leaves_out_all_three_as_in_ardusub():
 )
 def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
     found = next(attitude_target(attitude_message(mask, q, thrust), 5.0), None)
-    assert found is not None
+    assert isinstance(found, AttitudeTarget)
     np.testing.assert_allclose((*found.angles, found.heading, found.climb), said, atol=1e-6)
 
 
@@ -234,7 +234,7 @@ ORIGIN = GlobalOrigin(0.0, 47.4, 8.55, 400.0)
 )
 def test_a_global_target_is_a_place_from_the_ekfs_origin(frame, mask, alt, origin, place):
     found = next(global_target(global_message(frame, mask, alt), 5.0, origin), None)
-    assert found is not None
+    assert isinstance(found, PositionTarget)
     np.testing.assert_allclose(found.place, (*place, math.nan), atol=0.02)
     assert (found.offset, found.body, found.turns) == (False, False, False)
 
