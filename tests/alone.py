@@ -3,14 +3,15 @@
 # Tuples of four are made by loops here.
 # mypy: disable-error-code="arg-type"
 
+import math
+
 from companion import assembly
 from companion.config import load_config
 from companion.core import controller, model_learner, observers
 from companion.core.actuation import NONE
 from companion.core.axis import Ahead, Orders
-from companion.core.model_learner import Seen, seen_by
+from companion.core.observer import Push, Sample
 from companion.core.positioning import jacobian
-from companion.core.vehicle_model import NO_EVIDENCE
 from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector
 
 ALL = (True,) * 4
@@ -101,26 +102,24 @@ class Learner:
         self.memory = model_learner.start(self.tables, self.lag_s)
 
     def begin(self, dof, position):
-        where = vector(position if i == dof else 0.0 for i in range(4))
-        self.memory = model_learner.begun(self.memory, tuple(i == dof for i in range(4)), where)
+        places = vector(position if i == dof else math.nan for i in range(4))
+        self.memory = model_learner.begun(self.memory, places)
 
     def turn(self, J):
-        self.memory = model_learner.turned(self.tables, self.memory, J)
+        schedule = model_learner.turned(self.tables, self.memory, J)
+        self.memory = self.memory._replace(schedule=schedule)
 
-    def retune(self, tables):
-        self.tables, self.memory = tables, model_learner.looked_up(tables, self.memory)
-
-    def step(self, dof, u, m, c, dt_s, position, rate, learns):
+    def step(self, dof, push, sample, learns):
         """Take what one degree of freedom has shown, the others nothing."""
-        seen = [Seen(state, NO_EVIDENCE) for state in self.memory.states]
-        found, here = model_learner.found_of(self.memory, dof), self.memory.scheduled[dof].here
-        state = self.memory.states[dof]
-        seen[dof] = seen_by(here, found, state, u, m, c, dt_s, position, rate, dof == PSI)
-        self.memory = model_learner.learnt(self.memory, tuple(seen), learns, self.adapts, self.lag_s, dt_s)
+        shown = [observers.NOTHING_SHOWN] * 4
+        shown[dof] = model_learner.Shown(Push(*push), Sample(*sample), math.nan)
+        self.memory = model_learner.learnt(
+            self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, self.lag_s, push[3]
+        )
 
     @property
     def model(self):
         return self.memory.model
 
     def parameters(self, dof):
-        return self.memory.scheduled[dof].control[0]
+        return self.memory.schedule.observers[dof].control[0]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from companion.records import ZERO, Vector
+from companion.records import ZERO, Vector, vector
 
 KEPT_S = 1.5
 """How long a command is kept: a loop that is as late is not steered."""
@@ -20,20 +20,17 @@ class SentCommand(NamedTuple):
 
 def start() -> list[SentCommand]:
     """Return a history in which nothing was sent."""
-    return [SentCommand(LONG_AGO_S, ZERO, ZERO)]
+    return [SentCommand(t_s=LONG_AGO_S, tau=ZERO, impulse=ZERO)]
 
 
 def appended(commands: list[SentCommand], t_s: float, tau: Vector) -> list[SentCommand]:
     """Return the history with what was sent at `t_s`, later than all before."""
     last = commands[-1]
-    dt_s = t_s - last.t_s
-    (i_x, i_y, i_z, i_psi), (x, y, z, psi) = last.impulse, last.tau
-    impulse = (i_x + x * dt_s, i_y + y * dt_s, i_z + z * dt_s, i_psi + psi * dt_s)
     first = 0
     while first < len(commands) - 1 and commands[first + 1].t_s < t_s - KEPT_S:
         first += 1
     kept = commands[first:]
-    kept.append(SentCommand(t_s, tau, impulse))
+    kept.append(SentCommand(t_s=t_s, tau=tau, impulse=_impulse(last, last.tau, t_s - last.t_s)))
     return kept
 
 
@@ -62,21 +59,19 @@ def mean_thrusts(
     return means
 
 
-def without(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
+def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
     """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
     now_s = commands[-1].t_s
     return [
         SentCommand(
-            command.t_s, _less(command.tau, tau, 1.0), _less(command.impulse, tau, command.t_s - now_s)
+            t_s=command.t_s,
+            tau=vector([command.tau[dof] - tau[dof] for dof in range(4)]),
+            impulse=_impulse(command, tau, now_s - command.t_s),
         )
         for command in commands
     ]
 
 
-def _less(impulse: Vector, tau: Vector, share: float) -> Vector:
-    return (
-        impulse[0] - share * tau[0],
-        impulse[1] - share * tau[1],
-        impulse[2] - share * tau[2],
-        impulse[3] - share * tau[3],
-    )
+def _impulse(command: SentCommand, tau: Vector, dt_s: float) -> Vector:
+    """Return the impulse before a command and that of a thrust over `dt_s`."""
+    return vector([command.impulse[dof] + tau[dof] * dt_s for dof in range(4)])

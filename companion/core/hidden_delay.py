@@ -25,13 +25,17 @@ from companion.core.bounds import clamped, limited
 from companion.core.observer import (
     ObserverParameters,
     ObserverState,
+    Push,
+    Sample,
     at_rest,
     coasted,
     coefficients,
     correct,
+    innovation,
+    slopes,
 )
+from companion.core.vehicle_model import MEMORY_S, START_SPREAD
 
-MEMORY_S = 20.0
 SPREAD_MEMORY_S = 10.0
 PRIOR_S = 0.02
 """Standard deviation of what is hidden, as far as is known beforehand."""
@@ -39,9 +43,6 @@ PRIOR_S = 0.02
 LARGEST_S = 0.1
 SLEW = 0.02
 """Seconds of delay a second at most."""
-
-START_SPREAD = (0.002, 0.004)
-"""Innovations' standard deviation to begin with, m and m/s."""
 
 
 class HiddenDelayState(NamedTuple):
@@ -60,51 +61,48 @@ class HiddenDelayState(NamedTuple):
 
 def start(position: float, hidden_s: float) -> HiddenDelayState:
     """Observe from a known place; what was found before, `hidden_s`, stays if it is finite."""
+    q, v = START_SPREAD
     return HiddenDelayState(
         hidden_s=hidden_s if math.isfinite(hidden_s) else 0.0,
         observer=at_rest(position),
         slope=at_rest(0.0),
         u=math.nan,
         information=0.0,
-        position_variance=START_SPREAD[0] * START_SPREAD[0],
-        rate_variance=START_SPREAD[1] * START_SPREAD[1],
+        position_variance=q * q,
+        rate_variance=v * v,
     )
 
 
 def step(
-    parameters: ObserverParameters,
-    state: HiddenDelayState,
-    u: float,
-    m: float,
-    c: float,
-    dt_s: float,
-    position: float,
-    rate: float,
+    parameters: ObserverParameters, state: HiddenDelayState, push: Push, gain: float, sample: Sample
 ) -> HiddenDelayState:
-    """Go on by `dt_s`, above zero, under thrust `u` to what was measured there; NaN where nothing was.
+    """Go on by a step, whose time is above zero, to what was measured at its end.
 
     Without commands that vary `hidden_s` stays as it is.
     """
+    u, dt_s = push.u, push.dt_s
     u_slope = 0.0 if math.isnan(state.u) else (state.u - u) / dt_s
-    model, slow = coefficients(parameters, m, c, dt_s), math.exp(dt_s / -parameters.slow_time_s)
-    observed = coasted(model, slow, state.observer, u)
-    slope = coasted(model, slow, state.slope, u_slope)
-
-    nu_q, nu_v, psi_q, psi_v = 0.0, 0.0, 0.0, 0.0
-    if not math.isnan(position):
-        nu_q, psi_q = position - (observed.q + observed.s), -(slope.q + slope.s)
-    if not math.isnan(rate):
-        nu_v, psi_v = rate - (observed.v + observed.p), -(slope.v + slope.p)
-    observed = correct(parameters, observed, nu_q, nu_v)
-    slope = correct(parameters, slope, psi_q, psi_v)
-
-    spread_q, spread_v = state.position_variance, state.rate_variance
-    if nu_q != 0.0:
-        spread_q = spread_q + (nu_q * nu_q - spread_q) * (dt_s / SPREAD_MEMORY_S)
-    if nu_v != 0.0:
-        spread_v = spread_v + (nu_v * nu_v - spread_v) * (dt_s / SPREAD_MEMORY_S)
+    model = coefficients(push, gain, parameters.thrust_lag_s, dt_s)
+    slow = math.exp(dt_s / -parameters.slow_time_s)
+    observed, slope = coasted(model, slow, state.observer, u), coasted(model, slow, state.slope, u_slope)
+    nu_q, nu_v = innovation(observed, sample, False)
+    of_q, of_v = slopes(slope, sample)
+    psi_q, psi_v = -of_q, -of_v
+    spread_q = _spread(state.position_variance, nu_q, dt_s)
+    spread_v = _spread(state.rate_variance, nu_v, dt_s)
     weighed_q, weighed_v = psi_q / spread_q, psi_v / spread_v
     information = state.information * math.exp(-dt_s / MEMORY_S) + (weighed_q * psi_q + weighed_v * psi_v)
     wanted = -(weighed_q * nu_q + weighed_v * nu_v) / (information + 1.0 / (PRIOR_S * PRIOR_S))
-    hidden_s = clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, LARGEST_S)
-    return HiddenDelayState(hidden_s, observed, slope, u, information, spread_q, spread_v)
+    return HiddenDelayState(
+        hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, LARGEST_S),
+        observer=correct(parameters, observed, nu_q, nu_v),
+        slope=correct(parameters, slope, psi_q, psi_v),
+        u=u,
+        information=information,
+        position_variance=spread_q,
+        rate_variance=spread_v,
+    )
+
+
+def _spread(variance: float, nu: float, dt_s: float) -> float:
+    return variance if nu == 0.0 else variance + (nu * nu - variance) * (dt_s / SPREAD_MEMORY_S)

@@ -1,4 +1,4 @@
-"""What is found of the vehicle in all four axes (`vehicle_model.py`), and the model that is in use.
+"""What is found of the vehicle in all four axes (`vehicle_model.py`), and the observers for the model in use.
 
 Surge, sway, heave and yaw are learnt from x, y, z and psi: surge and sway share x and y by the heading. Log
 gain and lag of a degree of freedom are those of its axes by cos² and sin² of the heading. All thrusters have
@@ -10,279 +10,249 @@ import math
 from typing import NamedTuple
 
 from companion.core import vehicle_model
-from companion.core.observer import ObserverParameters
+from companion.core.four import Four, each, each_of_two
+from companion.core.observer import (
+    ByInterval,
+    ObserverParameters,
+    ObserverTable,
+    Push,
+    Sample,
+    scheduled_parameters,
+)
 from companion.core.positioning import Jacobian
-from companion.core.vehicle_model import Evidence, Found, ModelState, Scheduled, Tables, Used
-from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z
+from companion.core.vehicle_model import (
+    NO_EVIDENCE,
+    Evidence,
+    Found,
+    ModelState,
+    Theta,
+)
+from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z, vector
 
 REPORT_TICKS = 10
 """What was found is reported every so many ticks: nothing steers by it."""
 
-FourTables = tuple[Tables, Tables, Tables, Tables]
-FourFound = tuple[Found, Found, Found, Found]
-FourUsed = tuple[Used, Used, Used, Used]
-FourScheduled = tuple[Scheduled, Scheduled, Scheduled, Scheduled]
+NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
+"""Observers are looked up again where the model has moved further."""
+
+LAG_COUNTS = 0.3
 
 
-class Seen(NamedTuple):
-    """What one degree of freedom has shown in this tick."""
+class Tables(NamedTuple):
+    """Observers of one degree of freedom by gain and lag: those of the control, and the one in here."""
 
-    state: ModelState
-    evidence: Evidence
+    control: Four[ObserverTable]
+    """For each of `observer.INTERVALS`."""
+    here: ObserverTable
+
+
+class LookedUp(NamedTuple):
+    """Both observers' parameters of one degree of freedom, and the model for which they were looked up."""
+
+    at: Theta
+    control: ByInterval
+    here: ObserverParameters
+
+
+class Schedule(NamedTuple):
+    """The model in use by degree of freedom, and the observers for it."""
+
+    used: Four[Theta]
+    """By axis: of these it was made."""
+    squares: tuple[float, float]
+    """cos² and sin² of the heading."""
+    gain: Vector
+    observers: Four[LookedUp]
+
+
+class Shown(NamedTuple):
+    """What one degree of freedom shows in a tick: the nominal vehicle's push, and what was measured then."""
+
+    push: Push
+    """Of no time where nothing is to be learnt."""
+    sample: Sample
+    begins: float
+    """Where it begins again before that; NaN where it does not."""
 
 
 class LearnerMemory(NamedTuple):
     """What is remembered: `found` and `used` by axis, the rest by degree of freedom."""
 
-    found: FourFound
-    used: FourUsed
-    states: tuple[ModelState, ModelState, ModelState, ModelState]
-    scheduled: FourScheduled
-    dof_gain: Vector
-    squares: tuple[float, float]
-    """cos² and sin² of the heading."""
+    found: Four[Found]
+    used: Four[Theta]
+    states: Four[ModelState]
+    schedule: Schedule
     ticks: int
-    moved: bool
-    """Whether the model in use has moved since observers were looked up."""
     model: VehicleModel
 
 
-def start(tables: FourTables, lag_s: float) -> LearnerMemory:
+def start(tables: Four[Tables], lag_s: float) -> LearnerMemory:
     """Return the nominal vehicle, whose thrusters lag by `lag_s`, of which nothing was found."""
-    nothing, nominal = vehicle_model.nothing_found(lag_s), Used(0.0, lag_s)
+    nominal = Theta(0.0, lag_s)
+    nothing, state = Found(theta=nominal, gain_gain=0.0, gain_lag=0.0, lag_lag=0.0), vehicle_model.start(0.0)
     found, used = (nothing, nothing, nothing, nothing), (nominal, nominal, nominal, nominal)
-    state = vehicle_model.start(0.0)
-    squares = (1.0, 0.0)
     return LearnerMemory(
-        found,
-        used,
-        (state, state, state, state),
-        _schedules(tables, used),
-        (1.0, 1.0, 1.0, 1.0),
-        squares,
-        0,
-        False,
-        _model(found, used, used, lag_s, lag_s),
+        found=found,
+        used=used,
+        states=(state, state, state, state),
+        schedule=looked_up(tables, used, (1.0, 0.0)),
+        ticks=0,
+        model=_model(found, used, used, lag_s, lag_s),
     )
 
 
-def begun(memory: LearnerMemory, where: Flags, position: Vector) -> LearnerMemory:
-    """Observe degrees of freedom from known places; what was found stays."""
-    x, y, z, psi = memory.states
-    return _with_states(
-        memory,
-        (
-            vehicle_model.start(position[X], x.measured) if where[X] else x,
-            vehicle_model.start(position[Y], y.measured) if where[Y] else y,
-            vehicle_model.start(position[Z], z.measured) if where[Z] else z,
-            vehicle_model.start(position[PSI], psi.measured) if where[PSI] else psi,
-        ),
+def begun(memory: LearnerMemory, positions: Vector) -> LearnerMemory:
+    """Observe degrees of freedom from known places, where they are not NaN; what was found stays."""
+    return memory._replace(states=each_of_two(_begun, memory.states, positions))
+
+
+def _begun(state: ModelState, position: float) -> ModelState:
+    return state if math.isnan(position) else vehicle_model.start(position, state.measured)
+
+
+def looked_up(tables: Four[Tables], used: Four[Theta], squares: tuple[float, float]) -> Schedule:
+    """Return the observers for the model in use."""
+    at = by_dof(used, squares)
+    return Schedule(
+        used=used,
+        squares=squares,
+        gain=_gains(at),
+        observers=each_of_two(_looked_up, tables, at),
     )
 
 
-def turned(tables: FourTables, memory: LearnerMemory, J: Jacobian) -> LearnerMemory:
-    """Take the heading of this tick, and look observers up where the model has moved."""
+def turned(tables: Four[Tables], memory: LearnerMemory, J: Jacobian) -> Schedule:
+    """Return the schedule for the heading of this tick; observers are looked up where the model has moved."""
+    old, used = memory.schedule, memory.used
     squares = (J.c * J.c, J.s * J.s)
     if not math.isfinite(squares[0]):
-        return memory
-    if not memory.moved and _same(memory.used[X], memory.used[Y]):  # else the model turns with the heading
-        return _looked_up(memory, squares, memory.scheduled, memory.dof_gain, False)
-    used = _by_dof(memory.used, squares)
-    x, y, z, psi = memory.scheduled
-    scheduled = (
-        x if vehicle_model.is_near(x, used[X]) else vehicle_model.schedule(tables[X], used[X]),
-        y if vehicle_model.is_near(y, used[Y]) else vehicle_model.schedule(tables[Y], used[Y]),
-        z if vehicle_model.is_near(z, used[Z]) else vehicle_model.schedule(tables[Z], used[Z]),
-        psi if vehicle_model.is_near(psi, used[PSI]) else vehicle_model.schedule(tables[PSI], used[PSI]),
+        return old
+    if used == old.used and used[X] == used[Y]:  # else the model turns with the heading
+        return Schedule(used=used, squares=squares, gain=old.gain, observers=old.observers)
+    at = by_dof(used, squares)
+    return Schedule(
+        used=used,
+        squares=squares,
+        gain=_gains(at),
+        observers=vector([_near(tables[dof], old.observers[dof], at[dof]) for dof in range(4)]),
     )
-    return _looked_up(memory, squares, scheduled, _gains(used), False)
 
 
-def looked_up(tables: FourTables, memory: LearnerMemory) -> LearnerMemory:
-    """Go on with other tables."""
-    used = _by_dof(memory.used, memory.squares)
-    return _looked_up(memory, memory.squares, _schedules(tables, used), _gains(used), False)
+def _near(tables: Tables, last: LookedUp, theta: Theta) -> LookedUp:
+    """Return the observers that were looked up last as long as they are as good for this model."""
+    off, off_s = abs(theta.log_gain - last.at.log_gain), abs(theta.lag_s - last.at.lag_s)
+    return last if off <= NEAR_LOG_GAIN and off_s <= NEAR_LAG_S else _looked_up(tables, theta)
 
 
-def seen_by(
-    here: ObserverParameters,
-    found: Used,
-    state: ModelState,
-    u: float,
-    m: float,
-    c: float,
-    dt_s: float,
-    position: float,
-    rate: float,
-    angular: bool,
-) -> Seen:
-    """Return what an observer of the vehicle that was found has seen."""
-    g = math.exp(found.log_gain)
-    parameters = ObserverParameters(found.lag_s, here.slow_time_s, here.by_position, here.by_rate)
-    state, evidence = vehicle_model.observe(parameters, state, u, m / g, c / g, dt_s, position, rate, angular)
-    return Seen(state, evidence)
+def _looked_up(tables: Tables, theta: Theta) -> LookedUp:
+    log_gain, lag_s = theta
+    return LookedUp(
+        at=theta,
+        control=each(scheduled_parameters, tables.control, log_gain, lag_s),
+        here=scheduled_parameters(tables.here, log_gain, lag_s),
+    )
 
 
 def learnt(
     memory: LearnerMemory,
-    seen: tuple[Seen, Seen, Seen, Seen],
+    schedule: Schedule,
+    shown: Four[Shown],
     learns: Flags,
     adapts: bool,
     nominal_lag_s: float,
     dt_s: float,
 ) -> LearnerMemory:
-    """Learn from what all degrees of freedom have shown in this tick, axis by axis where `learns`."""
-    cos, sin = memory.squares
-    x, y, z, psi = seen
-    surge, sway, heave, yaw = memory.found
-    of_surge = vehicle_model.mixed(x.evidence, cos, y.evidence, sin)
-    of_sway = vehicle_model.mixed(x.evidence, sin, y.evidence, cos)
-    learns_surge = learns[X] and of_surge.gain_gain > 0.0
-    learns_sway = learns[Y] and of_sway.gain_gain > 0.0
-    learns_heave = learns[Z] and z.evidence.gain_gain > 0.0
-    learns_yaw = learns[PSI] and psi.evidence.gain_gain > 0.0
-    if learns_surge:
-        surge = vehicle_model.learn_gain(surge, of_surge, heave, dt_s)
-    if learns_sway:
-        sway = vehicle_model.learn_gain(sway, of_sway, heave, dt_s)
-    if learns_heave:
-        heave = vehicle_model.learn(heave, z.evidence, dt_s)
-    if learns_yaw:
-        yaw = vehicle_model.learn_gain(yaw, psi.evidence, heave, dt_s)
-    found, before = (surge, sway, heave, yaw), memory.used
-    used = (
-        vehicle_model.follow(before[X], surge) if adapts and learns_surge else before[X],
-        vehicle_model.follow(before[Y], sway) if adapts and learns_sway else before[Y],
-        vehicle_model.follow(before[Z], heave) if adapts and learns_heave else before[Z],
-        vehicle_model.follow(before[PSI], yaw) if adapts and learns_yaw else before[PSI],
+    """Learn from what all degrees of freedom show in this tick, axis by axis where `learns`."""
+    squares = schedule.squares
+    thetas = by_dof(vector([one.theta for one in memory.found]), squares)
+    seen = vector(
+        [_seen(schedule.observers[i].here, thetas[i], memory.states[i], shown[i], i == PSI) for i in range(4)]
     )
-    ticks = memory.ticks + 1
-    stays = _same(used[X], before[X]) and _same(used[Y], before[Y])
-    stays = stays and _same(used[Z], before[Z]) and _same(used[PSI], before[PSI])
-    moved = memory.moved or not stays
-    model = memory.model
-    if moved or not _same(used[X], used[Y]) or ticks % REPORT_TICKS == 0:
-        longest_s = vehicle_model.longest_lag_s(heave) if adapts else nominal_lag_s
-        model = _model(found, used, _by_dof(used, memory.squares), nominal_lag_s, longest_s)
+    found, used, ticks = list(memory.found), list(memory.used), memory.ticks + 1
+    for axis in range(4):
+        evidence = _of_axis(seen, squares, axis) if learns[axis] else NO_EVIDENCE
+        if evidence.gain_gain > 0.0:
+            if axis == Z:
+                found[Z] = vehicle_model.learn(found[Z], evidence, dt_s)
+            else:
+                found[axis] = vehicle_model.learn_gain(found[axis], evidence, found[Z], dt_s)
+            if adapts:
+                used[axis] = vehicle_model.follow(used[axis], found[axis])
+    model, now_found, now_used = memory.model, vector(found), vector(used)
+    if now_used != schedule.used or used[X] != used[Y] or ticks % REPORT_TICKS == 0:
+        longest_s = longest_lag_s(found[Z]) if adapts else nominal_lag_s
+        model = _model(now_found, now_used, by_dof(now_used, squares), nominal_lag_s, longest_s)
     return LearnerMemory(
-        found,
-        used,
-        (x.state, y.state, z.state, psi.state),
-        memory.scheduled,
-        memory.dof_gain,
-        memory.squares,
-        ticks,
-        moved,
-        model,
+        found=now_found,
+        used=now_used,
+        states=vector([state for state, _ in seen]),
+        schedule=schedule,
+        ticks=ticks,
+        model=model,
     )
 
 
-def _same(first: Used, second: Used) -> bool:
-    return first.log_gain == second.log_gain and first.lag_s == second.lag_s
+def _seen(
+    here: ObserverParameters, found: Theta, state: ModelState, shown: Shown, angular: bool
+) -> tuple[ModelState, Evidence]:
+    """Return what an observer of the vehicle that was found sees."""
+    state = _begun(state, shown.begins)
+    if not shown.push.dt_s > 0.0:
+        return state, NO_EVIDENCE
+    return vehicle_model.observe(here, found, state, shown.push, shown.sample, angular)
 
 
-def found_of(memory: LearnerMemory, dof: int) -> Used:
-    """Return what was found of a degree of freedom."""
-    one = memory.found[dof]
-    if dof in (Z, PSI):
-        return Used(one.log_gain, one.lag_s)
-    surge, sway = memory.found[X], memory.found[Y]
-    return _mixed(
-        Used(surge.log_gain, surge.lag_s), Used(sway.log_gain, sway.lag_s), memory.squares, dof == X
-    )
+def _of_axis(seen: Four[tuple[ModelState, Evidence]], squares: tuple[float, float], axis: int) -> Evidence:
+    """Return the evidence of all degrees of freedom on one axis."""
+    if axis in (Z, PSI):
+        return seen[axis][1]
+    cos, sin = squares if axis == X else (squares[1], squares[0])
+    return vehicle_model.shared(seen[X][1], cos, seen[Y][1], sin)
 
 
-def _by_dof(used: FourUsed, squares: tuple[float, float]) -> FourUsed:
-    surge, sway, heave, yaw = used
-    return (_mixed(surge, sway, squares, True), _mixed(surge, sway, squares, False), heave, yaw)
+def by_dof(thetas: Four[Theta], squares: tuple[float, float]) -> Four[Theta]:
+    """Return the model of each degree of freedom, from those of the axes."""
+    surge, sway, heave, yaw = thetas
+    cos, sin = squares
+    x = Theta(log_gain=cos * surge.log_gain + sin * sway.log_gain, lag_s=cos * surge.lag_s + sin * sway.lag_s)
+    y = Theta(log_gain=sin * surge.log_gain + cos * sway.log_gain, lag_s=sin * surge.lag_s + cos * sway.lag_s)
+    return (x, y, heave, yaw)
 
 
-def _mixed(surge: Used, sway: Used, squares: tuple[float, float], is_x: bool) -> Used:
-    cos, sin = squares if is_x else (squares[1], squares[0])
-    return Used(
-        cos * surge.log_gain + sin * sway.log_gain,
-        cos * surge.lag_s + sin * sway.lag_s,
-    )
+def longest_lag_s(found: Found) -> float:
+    """Return the lag that was found and its standard deviation more, s."""
+    return found.theta.lag_s + vehicle_model.doubt(found)[1]
 
 
-def _schedules(tables: FourTables, used: FourUsed) -> FourScheduled:
-    return (
-        vehicle_model.schedule(tables[X], used[X]),
-        vehicle_model.schedule(tables[Y], used[Y]),
-        vehicle_model.schedule(tables[Z], used[Z]),
-        vehicle_model.schedule(tables[PSI], used[PSI]),
-    )
+def later_s(used: Theta, nominal_lag_s: float) -> float:
+    """Return the delay (s) for which gains are drawn back beside the loop's own.
+
+    A lag beyond the nominal one counts for a part: the prediction makes up for the rest.
+    """
+    return LAG_COUNTS * (used.lag_s - nominal_lag_s) if used.lag_s > nominal_lag_s else 0.0
 
 
-def _gains(used: FourUsed) -> Vector:
-    return (
-        math.exp(used[X].log_gain),
-        math.exp(used[Y].log_gain),
-        math.exp(used[Z].log_gain),
-        math.exp(used[PSI].log_gain),
-    )
+def _gains(thetas: Four[Theta]) -> Vector:
+    return each(_gain, thetas)
+
+
+def _gain(theta: Theta) -> float:
+    return math.exp(theta.log_gain)
 
 
 def _model(
-    found: FourFound, used: FourUsed, by_dof: FourUsed, nominal_lag_s: float, longest_lag_s: float
+    found: Four[Found], used: Four[Theta], at: Four[Theta], nominal_lag_s: float, longest_lag_s: float
 ) -> VehicleModel:
-    """Return what is in use and what was found, as a record."""
-    (gain_x, lag_x), (gain_y, lag_y) = vehicle_model.doubt(found[X]), vehicle_model.doubt(found[Y])
-    (gain_z, lag_z), (gain_psi, lag_psi) = vehicle_model.doubt(found[Z]), vehicle_model.doubt(found[PSI])
+    """Return what is in use, by axis and by degree of freedom (`at`), and what was found, as a record."""
+    thetas, doubts = vector([one.theta for one in found]), each(vehicle_model.doubt, found)
     return VehicleModel(
-        _gains(used),
-        (used[X].lag_s, used[Y].lag_s, used[Z].lag_s, used[PSI].lag_s),
-        (
-            math.exp(found[X].log_gain),
-            math.exp(found[Y].log_gain),
-            math.exp(found[Z].log_gain),
-            math.exp(found[PSI].log_gain),
-        ),
-        (found[X].lag_s, found[Y].lag_s, found[Z].lag_s, found[PSI].lag_s),
-        (gain_x, gain_y, gain_z, gain_psi),
-        (lag_x, lag_y, lag_z, lag_psi),
-        _gains(by_dof),
-        (
-            vehicle_model.later_s(by_dof[X], nominal_lag_s),
-            vehicle_model.later_s(by_dof[Y], nominal_lag_s),
-            vehicle_model.later_s(by_dof[Z], nominal_lag_s),
-            vehicle_model.later_s(by_dof[PSI], nominal_lag_s),
-        ),
-        longest_lag_s,
-    )
-
-
-def _with_states(
-    memory: LearnerMemory, states: tuple[ModelState, ModelState, ModelState, ModelState]
-) -> LearnerMemory:
-    return LearnerMemory(
-        memory.found,
-        memory.used,
-        states,
-        memory.scheduled,
-        memory.dof_gain,
-        memory.squares,
-        memory.ticks,
-        memory.moved,
-        memory.model,
-    )
-
-
-def _looked_up(
-    memory: LearnerMemory,
-    squares: tuple[float, float],
-    scheduled: FourScheduled,
-    dof_gain: Vector,
-    moved: bool,
-) -> LearnerMemory:
-    return LearnerMemory(
-        memory.found,
-        memory.used,
-        memory.states,
-        scheduled,
-        dof_gain,
-        squares,
-        memory.ticks,
-        moved,
-        memory.model,
+        gain=_gains(used),
+        lag_s=vector([theta.lag_s for theta in used]),
+        found_gain=_gains(thetas),
+        found_lag_s=vector([theta.lag_s for theta in thetas]),
+        log_gain_doubt=vector([gain for gain, _ in doubts]),
+        lag_doubt_s=vector([lag for _, lag in doubts]),
+        dof_gain=_gains(at),
+        dof_later_s=each(later_s, at, nominal_lag_s),
+        longest_lag_s=longest_lag_s,
     )

@@ -26,7 +26,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from companion.core.bounds import clamped
+from companion.core.bounds import clamped, wrap
 
 INTERVALS = (1, 4, 12, 25)
 """Ticks between two measurements for which Kalman gains are computed. With the gain of one tick the observers
@@ -39,7 +39,7 @@ StepCoefficients = tuple[float, float, float, float]
 
 
 class ObserverState(NamedTuple):
-    """What is estimated, as in the table above."""
+    """What is estimated, as in the table above, in that order: one made by keywords takes twice as long."""
 
     q: float
     v: float
@@ -47,6 +47,22 @@ class ObserverState(NamedTuple):
     d: float
     s: float
     p: float
+
+
+class Push(NamedTuple):
+    """What moves the nominal vehicle over a step: mean commanded thrust, inertia, drag coefficient."""
+
+    u: float
+    m: float
+    c: float
+    dt_s: float
+
+
+class Sample(NamedTuple):
+    """Position and rate as they were measured at the observer's time; NaN where they were not."""
+
+    position: float
+    rate: float
 
 
 class ObserverParameters(NamedTuple):
@@ -81,11 +97,11 @@ def at_rest(position: float) -> ObserverState:
     return ObserverState(position, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def coefficients(parameters: ObserverParameters, m: float, c: float, dt_s: float) -> StepCoefficients:
-    """Return the model over a step of `dt_s`, not below zero."""
-    half_s = 0.5 * dt_s
-    damped = m + dt_s * c
-    return half_s, math.exp(dt_s / -parameters.thrust_lag_s), m / damped, half_s / damped
+def coefficients(push: Push, gain: float, lag_s: float, dt_s: float) -> StepCoefficients:
+    """Return the model of a vehicle of this gain and lag over a step of `dt_s`, not below zero."""
+    m, half_s = push.m / gain, 0.5 * dt_s
+    damped = m + dt_s * (push.c / gain)
+    return half_s, math.exp(dt_s / -lag_s), m / damped, half_s / damped
 
 
 def predict_step(step: StepCoefficients, motion: Motion, u: float, d: float) -> Motion:
@@ -110,22 +126,39 @@ def predict(step: StepCoefficients, state: ObserverState, thrusts: Iterable[floa
     return trajectory
 
 
-def advance(
-    parameters: ObserverParameters, state: ObserverState, u: float, m: float, c: float, dt_s: float
-) -> ObserverState:
-    """Run the model for `dt_s`, not below zero, under commanded thrust `u`."""
-    return coasted(coefficients(parameters, m, c, dt_s), math.exp(dt_s / -parameters.slow_time_s), state, u)
+def advance(parameters: ObserverParameters, state: ObserverState, push: Push, gain: float) -> ObserverState:
+    """Run the model of a vehicle of this gain over a step, whose time is not below zero."""
+    model = coefficients(push, gain, parameters.thrust_lag_s, push.dt_s)
+    return coasted(model, math.exp(push.dt_s / -parameters.slow_time_s), state, push.u)
 
 
 def coasted(step: StepCoefficients, slow: float, state: ObserverState, u: float) -> ObserverState:
-    """Run the model for a step of these coefficients; `slow` is what is kept of the slow noise."""
+    """Run the model over a step of these coefficients; `slow` is what is kept of the slow noise."""
     q, v, f, d, s, p = state
     q, v, f = predict_step(step, (q, v, f), u, d)
     return ObserverState(q, v, f, d, s * slow, p * slow)
 
 
+def expected(state: ObserverState) -> tuple[float, float]:
+    """Return what the sensors should show at the observer's time: position and rate."""
+    return (state.q + state.s, state.v + state.p)
+
+
+def innovation(state: ObserverState, sample: Sample, angular: bool) -> tuple[float, float]:
+    """Return measured minus expected; zero where nothing was measured."""
+    e_q = 0.0 if math.isnan(sample.position) else sample.position - (state.q + state.s)
+    e_v = 0.0 if math.isnan(sample.rate) else sample.rate - (state.v + state.p)
+    return (wrap(e_q) if angular else e_q, e_v)
+
+
+def slopes(derivative: ObserverState, sample: Sample) -> tuple[float, float]:
+    """Return the derivative of what is expected, from that of the state; zero where nothing was measured."""
+    of_position = 0.0 if math.isnan(sample.position) else derivative.q + derivative.s
+    return (of_position, 0.0 if math.isnan(sample.rate) else derivative.v + derivative.p)
+
+
 def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_v: float) -> ObserverState:
-    """Take in the innovation of position and rate; zero where nothing was measured."""
+    """Take in the innovation of position and rate. Written out, for it runs 18 times a tick."""
     q, v, f, d, s, p = state
     q_q, v_q, f_q, d_q, s_q, p_q = parameters.by_position
     q_v, v_v, f_v, d_v, s_v, p_v = parameters.by_rate
@@ -139,19 +172,14 @@ def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_
     )
 
 
-def without(state: ObserverState, lost: float) -> ObserverState:
+def without_thrust(state: ObserverState, lost: float) -> ObserverState:
     """Take from thrust and disturbance what was believed to be given, and was not (N; N·m)."""
-    return ObserverState(state.q, state.v, state.f - lost, state.d - lost, state.s, state.p)
+    return state._replace(f=state.f - lost, d=state.d - lost)
 
 
-def expected(state: ObserverState) -> tuple[float, float]:
-    """Return what the sensors should show at the observer's time: position and rate."""
-    return (state.q + state.s, state.v + state.p)
-
-
-def rates(state: ObserverState, m: float, c: float) -> tuple[float, float]:
+def rates(state: ObserverState, push: Push, gain: float) -> tuple[float, float]:
     """Return q' and v' at the observer's time."""
-    return (state.v, (state.f - c * state.v - state.d) / m)
+    return (state.v, (state.f - push.c / gain * state.v - state.d) / (push.m / gain))
 
 
 def at_intervals(parameters: ByInterval, of_position: float, of_rate: float) -> ObserverParameters:
@@ -159,65 +187,47 @@ def at_intervals(parameters: ByInterval, of_position: float, of_rate: float) -> 
     every_tick = parameters[0]
     if of_position <= 1.0 and of_rate <= 1.0:
         return every_tick
-    i, share_q = _between_intervals(of_position)
-    j, share_v = _between_intervals(of_rate)
+    i, share_q = _between(INTERVALS, of_position)
+    j, share_v = _between(INTERVALS, of_rate)
     return ObserverParameters(
-        every_tick.thrust_lag_s,
-        every_tick.slow_time_s,
-        _mixed(parameters[i].by_position, parameters[i + 1].by_position, share_q),
-        _mixed(parameters[j].by_rate, parameters[j + 1].by_rate, share_v),
-    )
-
-
-def _between_intervals(ticks: float) -> tuple[int, float]:
-    i = 0
-    while i < len(INTERVALS) - 2 and INTERVALS[i + 1] < ticks:
-        i += 1
-    return i, clamped((ticks - INTERVALS[i]) / (INTERVALS[i + 1] - INTERVALS[i]), 0.0, 1.0)
-
-
-def _mixed(one: ObserverState, other: ObserverState, share: float) -> ObserverState:
-    return ObserverState(
-        one.q + share * (other.q - one.q),
-        one.v + share * (other.v - one.v),
-        one.f + share * (other.f - one.f),
-        one.d + share * (other.d - one.d),
-        one.s + share * (other.s - one.s),
-        one.p + share * (other.p - one.p),
+        thrust_lag_s=every_tick.thrust_lag_s,
+        slow_time_s=every_tick.slow_time_s,
+        by_position=_mixed(parameters[i].by_position, parameters[i + 1].by_position, share_q),
+        by_rate=_mixed(parameters[j].by_rate, parameters[j + 1].by_rate, share_v),
     )
 
 
 def scheduled_parameters(table: ObserverTable, log_gain: float, lag_s: float) -> ObserverParameters:
     """Return the parameters for a gain and a lag (s), between those of the table."""
-    i, right = _share(table.log_gains, log_gain)
-    j, up = _share(table.lags_s, lag_s)
-    one, two = table.rows[5 * i + j], table.rows[5 * i + j + 1]
-    three, four = table.rows[5 * i + j + 5], table.rows[5 * i + j + 6]
+    i, right = _between(table.log_gains, log_gain)
+    j, up = _between(table.lags_s, lag_s)
     a, b = (1.0 - right) * (1.0 - up), (1.0 - right) * up
     c, d = right * (1.0 - up), right * up
-    by_position = ObserverState(
-        a * one[0] + b * two[0] + c * three[0] + d * four[0],
-        a * one[1] + b * two[1] + c * three[1] + d * four[1],
-        a * one[2] + b * two[2] + c * three[2] + d * four[2],
-        a * one[3] + b * two[3] + c * three[3] + d * four[3],
-        a * one[4] + b * two[4] + c * three[4] + d * four[4],
-        a * one[5] + b * two[5] + c * three[5] + d * four[5],
+    at = len(table.lags_s) * i + j
+    one, two = table.rows[at], table.rows[at + 1]
+    three, four = table.rows[at + len(table.lags_s)], table.rows[at + len(table.lags_s) + 1]
+    columns = [a * one[k] + b * two[k] + c * three[k] + d * four[k] for k in range(12)]
+    return ObserverParameters(
+        thrust_lag_s=lag_s,
+        slow_time_s=table.slow_time_s,
+        by_position=_state(columns[:6]),
+        by_rate=_state(columns[6:]),
     )
-    by_rate = ObserverState(
-        a * one[6] + b * two[6] + c * three[6] + d * four[6],
-        a * one[7] + b * two[7] + c * three[7] + d * four[7],
-        a * one[8] + b * two[8] + c * three[8] + d * four[8],
-        a * one[9] + b * two[9] + c * three[9] + d * four[9],
-        a * one[10] + b * two[10] + c * three[10] + d * four[10],
-        a * one[11] + b * two[11] + c * three[11] + d * four[11],
-    )
-    return ObserverParameters(lag_s, table.slow_time_s, by_position, by_rate)
 
 
-def _share(nodes: FiveNodes, at: float) -> tuple[int, float]:
-    """Return the interval in which `at` lies, and where in it, 0..1."""
+def _mixed(one: ObserverState, other: ObserverState, share: float) -> ObserverState:
+    return _state([one[i] + share * (other[i] - one[i]) for i in range(6)])
+
+
+def _state(values: Sequence[float]) -> ObserverState:
+    q, v, f, d, s, p = values
+    return ObserverState(q, v, f, d, s, p)
+
+
+def _between(nodes: Sequence[float], at: float) -> tuple[int, float]:
+    """Return the interval of the nodes in which `at` lies, and where in it, 0..1."""
     i = 0
-    while i < 3 and nodes[i + 1] < at:
+    while i < len(nodes) - 2 and nodes[i + 1] < at:
         i += 1
     width = nodes[i + 1] - nodes[i]
     return i, clamped((at - nodes[i]) / width, 0.0, 1.0) if width > 0.0 else 0.0

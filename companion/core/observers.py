@@ -7,14 +7,16 @@ from there through the commands that are still under way.
 import math
 from typing import NamedTuple
 
-from companion.core import command_history, hidden_delay, model_learner, observer, vehicle_model
+from companion.core import command_history, hidden_delay, model_learner, observer
 from companion.core.bounds import clamped, wrap
 from companion.core.command_history import SentCommand
+from companion.core.four import Four, each_of_two
 from companion.core.hidden_delay import HiddenDelayState
-from companion.core.model_learner import LearnerMemory, Seen
-from companion.core.observer import ByInterval, ObserverParameters, ObserverState
+from companion.core.model_learner import LearnerMemory, Schedule, Shown, Tables
+from companion.core.observer import ByInterval, ObserverParameters, ObserverState, Push, Sample
 from companion.core.oscillation import mean_disturbance, scaled_disturbance
 from companion.core.positioning import (
+    Jacobian,
     Model,
     coriolis_and_damping,
     drag_coefficient,
@@ -22,8 +24,7 @@ from companion.core.positioning import (
     jacobian,
     to_body,
 )
-from companion.core.vehicle_model import NO_EVIDENCE, ModelState, Tables, Used
-from companion.records import PSI, ZERO, Flags, Vector, X, Y, Z
+from companion.records import PSI, Flags, Vector, X, Y, Z, vector
 
 PREDICTION_STEP_S = 0.035
 SHORTEST_S = 1e-9
@@ -53,25 +54,13 @@ class Measured(NamedTuple):
 
 
 NOTHING = Measured(math.nan, math.nan, math.nan, math.nan)
-FourMeasured = tuple[Measured, Measured, Measured, Measured]
-
-
-class Interval(NamedTuple):
-    """Ticks since position and rate of one degree of freedom were measured."""
-
-    position: float
-    rate: float
-
-
-EACH_TICK = Interval(0.0, 0.0)
-FourIntervals = tuple[Interval, Interval, Interval, Interval]
 
 
 class Observers(NamedTuple):
     """What is known of the vehicle and its sensors beforehand."""
 
     model: Model
-    tables: tuple[Tables, Tables, Tables, Tables]
+    tables: Four[Tables]
     hidden: ObserverParameters
     finds_hidden: bool
     hidden_s: float
@@ -84,17 +73,25 @@ class Observers(NamedTuple):
     tick_s: float
 
 
+class DofMemory(NamedTuple):
+    """What is remembered of one degree of freedom."""
+
+    state: ObserverState
+    observed_s: float
+    """The time of `state`; −∞ before the first."""
+    mean_d: float
+    since: tuple[float, float]
+    """Ticks since position and rate were measured."""
+    q: float
+    """Where it was in the last tick."""
+
+
 class ObserversMemory(NamedTuple):
     """What is remembered."""
 
-    states: tuple[ObserverState, ObserverState, ObserverState, ObserverState]
-    observed_s: Vector
-    """When each was last observed; −∞ before the first time."""
-    mean_d: Vector
-    since: FourIntervals
+    dofs: Four[DofMemory]
     hidden: HiddenDelayState
     learner: LearnerMemory
-    eta: Vector
     commands: list[SentCommand]
 
 
@@ -102,7 +99,7 @@ class Inputs(NamedTuple):
     """What a tick knows before it observes."""
 
     now_s: float
-    measured: FourMeasured
+    measured: Four[Measured]
     begins: Vector
     """Where a degree of freedom begins again, as it was not measured for long; NaN where it does not."""
     stale: Flags
@@ -130,8 +127,8 @@ class Motion(NamedTuple):
     innovation: Vector
 
 
-class Vehicle(NamedTuple):
-    """What moves it, NED, from when to when it is observed, and in how many steps it is predicted."""
+class Now(NamedTuple):
+    """What all degrees of freedom share in a tick: m, c and k + h (NED), and the times of their observers."""
 
     m: Vector
     c: Vector
@@ -139,38 +136,22 @@ class Vehicle(NamedTuple):
     from_s: Vector
     to_s: Vector
     steps: int
+    """In so many they are predicted."""
 
 
-class Observing(NamedTuple):
-    """One degree of freedom: its observers, what was found of it, and what is known from before."""
+class Moving(NamedTuple):
+    """Where one degree of freedom is now and ahead, its disturbance, and its newest innovation."""
 
-    control: ByInterval
-    here: ObserverParameters
-    found: Used
-    gain: float
-    m: float
-    c: float
-    force: float
-    from_s: float
-    to_s: float
-    mean_d: float
-    since: Interval
-    q: float
-
-
-class One(NamedTuple):
-    """What observing one degree of freedom gives."""
-
-    state: ObserverState
-    hidden: HiddenDelayState
-    innovation: float
     q: float
     q_dot: float
     q_ahead: float
     q_dot_ahead: float
     disturbance: float
-    mean_d: float
-    since: Interval
+    innovation: float
+
+
+NO_PUSH = Push(0.0, 1.0, 0.0, 0.0)
+NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan), begins=math.nan)
 
 
 def start(observers: Observers) -> ObserversMemory:
@@ -181,17 +162,12 @@ def start(observers: Observers) -> ObserversMemory:
 
 def restarted(hidden: HiddenDelayState, learner: LearnerMemory) -> ObserversMemory:
     """Forget motion and commands; what was found of vehicle and delay stays."""
-    rest = observer.at_rest(0.0)
-    never = -math.inf
+    rest = _stays(0.0, observer.at_rest(0.0), -math.inf, 0.0)
     return ObserversMemory(
-        (rest, rest, rest, rest),
-        (never, never, never, never),
-        ZERO,
-        (EACH_TICK, EACH_TICK, EACH_TICK, EACH_TICK),
-        hidden_delay.start(0.0, hidden.hidden_s),
-        model_learner.begun(learner, (True, True, True, True), ZERO),
-        ZERO,
-        command_history.start(),
+        dofs=(rest, rest, rest, rest),
+        hidden=hidden_delay.start(0.0, hidden.hidden_s),
+        learner=model_learner.begun(learner, (0.0, 0.0, 0.0, 0.0)),
+        commands=command_history.start(),
     )
 
 
@@ -203,229 +179,182 @@ def step(
     What is `stale` rests where it was. `d_share`, by DOF, is what the controller scales d̂ by: the predicted d
     is scaled by the same.
     """
-    states, hidden, learner = _rested(memory, inputs)
-    J = jacobian(states[PSI].q)
-    nu = to_body(J, (states[X].v, states[Y].v, states[Z].v, states[PSI].v))
-    m, c = inertia(observers.model, J), drag_coefficient(observers.model, J, nu)
-    forces = coriolis_and_damping(observers.model, J, nu)
-    learner = model_learner.turned(observers.tables, learner, J)
-
-    from_s, to_s = _moments(observers, memory, inputs, hidden.hidden_s)
-    oldest_s = min(to_s[X], to_s[Y], to_s[Z], to_s[PSI])
-    steps = max(1, math.ceil(_to_go(inputs.now_s, inputs.ahead_s, oldest_s) / PREDICTION_STEP_S))
-    vehicle = Vehicle(m, c, forces, from_s, to_s, steps)
-    x, of_x = _one(observers, memory, learner, vehicle, inputs, X, states[X], hidden, d_share[X])
-    y, of_y = _one(observers, memory, learner, vehicle, inputs, Y, states[Y], hidden, d_share[Y])
-    z, of_z = _one(observers, memory, learner, vehicle, inputs, Z, states[Z], hidden, d_share[Z])
-    psi, of_psi = _one(observers, memory, learner, vehicle, inputs, PSI, states[PSI], hidden, d_share[PSI])
+    memory = _rested(memory, inputs)
+    J = jacobian(memory.dofs[PSI].state.q)
+    schedule = model_learner.turned(observers.tables, memory.learner, J)
+    now = _now(observers, memory, inputs, J)
+    observed = [_observed(observers, memory, schedule, now, inputs, dof, d_share[dof]) for dof in range(4)]
+    shown = vector([one for _, _, one in observed])
     learner = model_learner.learnt(
-        learner,
-        (of_x, of_y, of_z, of_psi),
+        memory.learner,
+        schedule,
+        shown,
         inputs.learns,
         observers.adapts,
         observers.lag_s,
         observers.tick_s,
     )
-    motion = Motion(
-        (x.q, y.q, z.q, wrap(psi.q)),
-        (x.q_dot, y.q_dot, z.q_dot, psi.q_dot),
-        (x.q_ahead, y.q_ahead, z.q_ahead, wrap(psi.q_ahead)),
-        (x.q_dot_ahead, y.q_dot_ahead, z.q_dot_ahead, psi.q_dot_ahead),
-        (x.disturbance, y.disturbance, z.disturbance, psi.disturbance),
-        (x.innovation, y.innovation, z.innovation, psi.innovation),
-    )
     return ObserversMemory(
-        (x.state, y.state, z.state, psi.state),
-        to_s,
-        (x.mean_d, y.mean_d, z.mean_d, psi.mean_d),
-        (x.since, y.since, z.since, psi.since),
-        z.hidden,
-        learner,
-        (x.q, y.q, z.q, psi.q),
-        memory.commands,
-    ), motion
+        dofs=vector([one for one, _, _ in observed]),
+        hidden=_hidden(observers, memory.hidden, shown[Z], schedule.gain[Z]),
+        learner=learner,
+        commands=memory.commands,
+    ), _motion([moving for _, moving, _ in observed])
 
 
-def _rested(
-    memory: ObserversMemory, inputs: Inputs
-) -> tuple[
-    tuple[ObserverState, ObserverState, ObserverState, ObserverState], HiddenDelayState, LearnerMemory
-]:
+def _rested(memory: ObserversMemory, inputs: Inputs) -> ObserversMemory:
     """Put at rest the degrees of freedom that begin again, and those that are stale."""
-    begins, stale, eta = inputs.begins, inputs.stale, memory.eta
-    x = eta[X] if stale[X] else begins[X]
-    y = eta[Y] if stale[Y] else begins[Y]
-    z = eta[Z] if stale[Z] else begins[Z]
-    psi = eta[PSI] if stale[PSI] else begins[PSI]
-    rests = (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
-    if not (rests[X] or rests[Y] or rests[Z] or rests[PSI]):
-        return memory.states, memory.hidden, memory.learner
+    begins, stale, dofs = inputs.begins, inputs.stale, memory.dofs
+    places = vector([_place(dofs[dof], begins[dof], stale[dof]) for dof in range(4)])
+    if math.isnan(places[X]) and math.isnan(places[Y]) and math.isnan(places[Z]) and math.isnan(places[PSI]):
+        return memory
     hidden = memory.hidden
     if not math.isnan(begins[Z]):
         hidden = hidden_delay.start(begins[Z], hidden.hidden_s)
-    states = (
-        observer.at_rest(x) if rests[X] else memory.states[X],
-        observer.at_rest(y) if rests[Y] else memory.states[Y],
-        observer.at_rest(z) if rests[Z] else memory.states[Z],
-        observer.at_rest(psi) if rests[PSI] else memory.states[PSI],
-    )
-    return states, hidden, model_learner.begun(memory.learner, rests, (x, y, z, psi))
+    learner = model_learner.begun(memory.learner, places)
+    return memory._replace(dofs=each_of_two(_resting, dofs, places), hidden=hidden, learner=learner)
 
 
-def _moments(
-    observers: Observers, memory: ObserversMemory, inputs: Inputs, hidden_s: float
-) -> tuple[Vector, Vector]:
-    """Return when each DOF was last observed, and when its newest measurements were true."""
+def _place(memory: DofMemory, begins: float, stale: bool) -> float:
+    """Return where a degree of freedom begins again, or stays from now on; NaN where it does neither."""
+    return begins if not stale else math.nan if memory.state == observer.at_rest(memory.q) else memory.q
+
+
+def _resting(memory: DofMemory, position: float) -> DofMemory:
+    """Return a degree of freedom at rest at a position; as it is where that is NaN."""
+    return memory if math.isnan(position) else memory._replace(state=observer.at_rest(position))
+
+
+def _now(observers: Observers, memory: ObserversMemory, inputs: Inputs, J: Jacobian) -> Now:
+    """Return what all degrees of freedom share."""
+    x, y, z, psi = memory.dofs
+    nu = to_body(J, (x.state.v, y.state.v, z.state.v, psi.state.v))
+    from_s = (x.observed_s, y.observed_s, z.observed_s, psi.observed_s)
     now_s, sensor_s = inputs.now_s, observers.sensor_delay_s
     newest_s = now_s - inputs.telemetry_s - 0.5 * observers.tick_s
-    to_s = (
+    true_s = (
         newest_s - sensor_s[X],
         newest_s - sensor_s[Y],
-        newest_s - sensor_s[Z] - hidden_s,
+        newest_s - sensor_s[Z] - memory.hidden.hidden_s,
         newest_s - sensor_s[PSI],
     )
-    from_s = memory.observed_s
-    if to_s[Z] - from_s[Z] > MAX_GAP_S or from_s[Z] > now_s:
-        from_s = to_s
-    observed_s = (
-        min(max(from_s[X], to_s[X]), now_s),
-        min(max(from_s[Y], to_s[Y]), now_s),
-        min(max(from_s[Z], to_s[Z]), now_s),
-        min(max(from_s[PSI], to_s[PSI]), now_s),
+    if true_s[Z] - from_s[Z] > MAX_GAP_S or from_s[Z] > now_s:
+        from_s = true_s
+    to_s = vector([min(max(from_s[dof], true_s[dof]), now_s) for dof in range(4)])
+    longest_s = _to_go(now_s, inputs.ahead_s, min(to_s[X], to_s[Y], to_s[Z], to_s[PSI]))
+    return Now(
+        m=inertia(observers.model, J),
+        c=drag_coefficient(observers.model, J, nu),
+        forces=coriolis_and_damping(observers.model, J, nu),
+        from_s=from_s,
+        to_s=to_s,
+        steps=max(1, math.ceil(longest_s / PREDICTION_STEP_S)),
     )
-    return from_s, observed_s
 
 
 def _to_go(now_s: float, ahead_s: float, observed_s: float) -> float:
     return max(now_s - observed_s + ahead_s, 0.0)
 
 
-def _one(
+def _observed(
     observers: Observers,
     memory: ObserversMemory,
-    learner: LearnerMemory,
-    vehicle: Vehicle,
+    schedule: Schedule,
+    now: Now,
     inputs: Inputs,
     dof: int,
-    state: ObserverState,
-    hidden: HiddenDelayState,
     d_share: float,
-) -> tuple[One, Seen]:
-    """Bring one degree of freedom on to its newest measurements; predict from there."""
-    scheduled = learner.scheduled[dof]
-    at = Observing(
-        scheduled.control,
-        scheduled.here,
-        model_learner.found_of(learner, dof),
-        learner.dof_gain[dof],
-        vehicle.m[dof],
-        vehicle.c[dof],
-        vehicle.forces[dof],
-        vehicle.from_s[dof],
-        vehicle.to_s[dof],
-        memory.mean_d[dof],
-        memory.since[dof],
-        memory.eta[dof],
+) -> tuple[DofMemory, Moving, Shown]:
+    """Advance, correct and predict one degree of freedom."""
+    was, from_s, to_s, tick_s = memory.dofs[dof], now.from_s[dof], now.to_s[dof], observers.tick_s
+    if inputs.stale[dof]:
+        mean_d = mean_disturbance(was.mean_d, 0.0, tick_s)
+        return _stays(was.q, was.state, to_s, mean_d), _still(was.q, 0.0, 0.0), NOTHING_SHOWN
+    sent_s, step_s = inputs.command_s, _to_go(inputs.now_s, inputs.ahead_s, to_s) / now.steps
+    thrusts = command_history.mean_thrusts(
+        memory.commands, dof, from_s - sent_s, to_s - sent_s, step_s, now.steps
     )
-    return _observed(
-        at,
-        inputs.measured[dof],
-        inputs.stale[dof],
-        learner.states[dof],
-        state,
-        hidden,
-        observers.hidden,
-        observers.finds_hidden,
-        observers.tick_s,
-        memory.commands,
-        dof,
-        inputs.now_s,
-        inputs.command_s,
-        inputs.ahead_s,
-        inputs.armed,
-        inputs.positioned,
-        vehicle.steps,
-        d_share,
-    )
-
-
-def _observed(
-    at: Observing,
-    sample: Measured,
-    stale: bool,
-    seen: ModelState,
-    state: ObserverState,
-    hidden: HiddenDelayState,
-    of_hidden: ObserverParameters,
-    finds_hidden: bool,
-    tick_s: float,
-    commands: list[SentCommand],
-    dof: int,
-    now_s: float,
-    command_s: float,
-    ahead_s: float,
-    armed: bool,
-    positioned: bool,
-    steps: int,
-    d_share: float,
-) -> tuple[One, Seen]:
-    """Bring one degree of freedom on under the thrust that was in force, correct it, and predict."""
-    if stale:
-        mean_d = mean_disturbance(at.mean_d, 0.0, tick_s)
-        return One(state, hidden, 0.0, at.q, 0.0, at.q, 0.0, 0.0, mean_d, EACH_TICK), Seen(seen, NO_EVIDENCE)
-    to_go_s = _to_go(now_s, ahead_s, at.to_s)
-    step_s, since_s = to_go_s / steps, at.to_s - command_s
-    thrusts = command_history.mean_thrusts(commands, dof, at.from_s - command_s, since_s, step_s, steps)
-    thrust, dt_s = thrusts[0], at.to_s - at.from_s
-
-    m_eff, c_eff = at.m / at.gain, at.c / at.gain
-    state = observer.advance(at.control[0], state, thrust, m_eff, c_eff, dt_s)
-    since = Interval(at.since.position + 1.0, at.since.rate + 1.0)
-    gains = observer.at_intervals(at.control, since.position, since.rate)
-    expected, rates = observer.expected(state), observer.rates(state, m_eff, c_eff)
-    most_s = MAX_EXTRAPOLATION_S[dof]
-    position, rate, missed, missed_rate = math.nan, math.nan, 0.0, 0.0
-    if not math.isnan(sample.position):
-        position = sample.position + rates[0] * clamped(at.to_s - sample.position_s, -most_s, most_s)
-        missed = position - expected[0]
-        if dof == PSI:
-            missed = wrap(missed)
-        elif dof == Z and abs(missed) > ZERO_MOVED_M and not armed:
-            state = ObserverState(state.q + missed, state.v, state.f, state.d, state.s, state.p)
-            hidden = hidden_delay.start(position, hidden.hidden_s)
-            seen = vehicle_model.start(position, seen.measured)
-            position, missed = math.nan, 0.0
-    if not math.isnan(sample.rate):
-        rate = sample.rate + rates[1] * clamped(at.to_s - sample.rate_s, -most_s, most_s)
-        missed_rate = rate - expected[1]
-    state = observer.correct(gains, state, missed, missed_rate)
-    since = Interval(
-        since.position if math.isnan(sample.position) else 0.0,
-        since.rate if math.isnan(sample.rate) else 0.0,
-    )
+    push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s)
+    gain, control = schedule.gain[dof], schedule.observers[dof].control
+    state, since, innovation, shown = _corrected(control, was, push, gain, inputs, to_s, dof)
+    mean_d, moving = was.mean_d, _still(math.nan, math.nan, innovation)
     if not is_believable(state):
-        lost = math.nan
-        return One(state, hidden, missed, lost, lost, lost, lost, lost, at.mean_d, since), Seen(
-            seen, NO_EVIDENCE
+        shown = Shown(push=NO_PUSH, sample=shown.sample, begins=shown.begins)
+    else:
+        mean_d = mean_disturbance(was.mean_d, state.d, tick_s)
+        model = observer.coefficients(push, gain, control[0].thrust_lag_s, step_s)
+        d_hat = scaled_disturbance(mean_d, state.d, d_share)
+        trajectory = observer.predict(model, state, thrusts[1:], d_hat)
+        q, q_dot = interpolate(trajectory, (inputs.now_s - to_s) / max(step_s, SHORTEST_S))
+        # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
+        left_out = now.forces[dof] / gain - push.c / gain * state.v if inputs.positioned else 0.0
+        moving = Moving(
+            q=q,
+            q_dot=q_dot,
+            q_ahead=trajectory[-1][0],
+            q_dot_ahead=trajectory[-1][1],
+            disturbance=state.d - left_out,
+            innovation=innovation,
         )
-    evidence = NO_EVIDENCE
-    if dt_s > 0.0:
-        seen, evidence = model_learner.seen_by(
-            at.here, at.found, seen, thrust, at.m, at.c, dt_s, position, rate, dof == PSI
-        )
-        if dof == Z and finds_hidden:
-            hidden = hidden_delay.step(of_hidden, hidden, thrust, m_eff, c_eff, dt_s, position, rate)
+    after = DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=since, q=moving.q)
+    return after, moving, shown
 
-    mean_d = mean_disturbance(at.mean_d, state.d, tick_s)
-    model = observer.coefficients(at.control[0], m_eff, c_eff, step_s)
-    d_hat = scaled_disturbance(mean_d, state.d, d_share)
-    trajectory = observer.predict(model, state, thrusts[1:], d_hat)
-    q, q_dot = interpolate(trajectory, (now_s - at.to_s) / max(step_s, SHORTEST_S))
-    q_ahead, q_dot_ahead, _ = trajectory[-1]
-    # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
-    left_out = at.force / at.gain - c_eff * state.v if positioned else 0.0
-    one = One(state, hidden, missed, q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, mean_d, since)
-    return one, Seen(seen, evidence)
+
+def _corrected(
+    control: ByInterval, was: DofMemory, push: Push, gain: float, inputs: Inputs, to_s: float, dof: int
+) -> tuple[ObserverState, tuple[float, float], float, Shown]:
+    """Advance under the thrust that was in force; take in the samples, extrapolated to that moment.
+
+    Return the observer, the ticks since position and rate were measured, the innovation, and what is shown.
+    """
+    state, measured = observer.advance(control[0], was.state, push, gain), inputs.measured[dof]
+    of_position, of_rate = was.since[0] + 1.0, was.since[1] + 1.0
+    gains = observer.at_intervals(control, of_position, of_rate)
+    (q_dot, v_dot), most_s = observer.rates(state, push, gain), MAX_EXTRAPOLATION_S[dof]
+    position = measured.position + q_dot * clamped(to_s - measured.position_s, -most_s, most_s)
+    rate = measured.rate + v_dot * clamped(to_s - measured.rate_s, -most_s, most_s)
+    e_q, e_v = observer.innovation(state, Sample(position, rate), dof == PSI)
+    begins = math.nan
+    if dof == Z and abs(e_q) > ZERO_MOVED_M and not inputs.armed:
+        state, begins = state._replace(q=state.q + e_q), position
+        position, e_q = math.nan, 0.0
+    since = (
+        of_position if math.isnan(measured.position) else 0.0,
+        of_rate if math.isnan(measured.rate) else 0.0,
+    )
+    shown = Shown(push=push, sample=Sample(position, rate), begins=begins)
+    return observer.correct(gains, state, e_q, e_v), since, e_q, shown
+
+
+def _stays(q: float, state: ObserverState, to_s: float, mean_d: float) -> DofMemory:
+    """Return what is remembered of one that was not observed."""
+    return DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=(0.0, 0.0), q=q)
+
+
+def _still(q: float, rest: float, innovation: float) -> Moving:
+    """Return one that stays at q; `rest` is its rates and its disturbance."""
+    return Moving(q=q, q_dot=rest, q_ahead=q, q_dot_ahead=rest, disturbance=rest, innovation=innovation)
+
+
+def _hidden(observers: Observers, hidden: HiddenDelayState, shown: Shown, gain: float) -> HiddenDelayState:
+    """Look for hidden delay in what depth shows."""
+    if not math.isnan(shown.begins):
+        hidden = hidden_delay.start(shown.begins, hidden.hidden_s)
+    if not (observers.finds_hidden and shown.push.dt_s > 0.0):
+        return hidden
+    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, shown.sample)
+
+
+def _motion(dofs: list[Moving]) -> Motion:
+    x, y, z, psi = dofs
+    return Motion(
+        eta=(x.q, y.q, z.q, wrap(psi.q)),
+        eta_dot=(x.q_dot, y.q_dot, z.q_dot, psi.q_dot),
+        eta_ahead=(x.q_ahead, y.q_ahead, z.q_ahead, wrap(psi.q_ahead)),
+        eta_dot_ahead=(x.q_dot_ahead, y.q_dot_ahead, z.q_dot_ahead, psi.q_dot_ahead),
+        disturbance=(x.disturbance, y.disturbance, z.disturbance, psi.disturbance),
+        innovation=(x.innovation, y.innovation, z.innovation, psi.innovation),
+    )
 
 
 def is_believable(state: ObserverState) -> bool:
@@ -443,54 +372,28 @@ def interpolate(trajectory: list[observer.Motion], step_index: float) -> tuple[f
 
 def sent(memory: ObserversMemory, t_s: float, tau_ned: Vector) -> ObserversMemory:
     """Note the thrust (N, N·m) that a command gives which was sent at `t_s`."""
-    return _with_commands(memory, command_history.appended(memory.commands, t_s, tau_ned))
+    return memory._replace(commands=command_history.appended(memory.commands, t_s, tau_ned))
 
 
-def _with_commands(memory: ObserversMemory, commands: list[SentCommand]) -> ObserversMemory:
-    return ObserversMemory(
-        memory.states,
-        memory.observed_s,
-        memory.mean_d,
-        memory.since,
-        memory.hidden,
-        memory.learner,
-        memory.eta,
-        commands,
-    )
-
-
-def without(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
+def without_thrust(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
     """Take from thrust and d what a motor that gives no thrust was believed to give, N and N·m.
 
     The commands on their way give it neither: in d alone it would be a step that is not there.
     """
-    x, y, z, psi = memory.states
-    mean_d = memory.mean_d
-    return ObserversMemory(
-        (
-            observer.without(x, tau_ned[X]),
-            observer.without(y, tau_ned[Y]),
-            observer.without(z, tau_ned[Z]),
-            observer.without(psi, tau_ned[PSI]),
-        ),
-        memory.observed_s,
-        (
-            mean_d[X] - tau_ned[X],
-            mean_d[Y] - tau_ned[Y],
-            mean_d[Z] - tau_ned[Z],
-            mean_d[PSI] - tau_ned[PSI],
-        ),
-        memory.since,
-        memory.hidden,
-        memory.learner,
-        memory.eta,
-        command_history.without(memory.commands, tau_ned),
-    )
+    dofs = each_of_two(_without_thrust, memory.dofs, tau_ned)
+    return memory._replace(dofs=dofs, commands=command_history.without_thrust(memory.commands, tau_ned))
+
+
+def _without_thrust(memory: DofMemory, lost: float) -> DofMemory:
+    state = observer.without_thrust(memory.state, lost)
+    return memory._replace(state=state, mean_d=memory.mean_d - lost)
 
 
 def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
     """Go on from the present estimate with another model, other noises and sensor delays."""
-    return memory._replace(learner=model_learner.looked_up(observers.tables, memory.learner))
+    learner, old = memory.learner, memory.learner.schedule
+    schedule = model_learner.looked_up(observers.tables, learner.used, old.squares)
+    return memory._replace(learner=learner._replace(schedule=schedule))
 
 
 def forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:

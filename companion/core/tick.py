@@ -91,7 +91,7 @@ def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Mem
             parameters.actuation, actuated, known.dead_motor, known.tilt
         )
         lost_ned = to_inertial(jacobian(known.ahead.eta[PSI]), lost)
-        observed = observers.without(observed, lost_ned)
+        observed = observers.without_thrust(observed, lost_ned)
         controlled = controller.without_thrust(controlled, lost_ned)
     return Memory(observed, controlled, actuated, limits, watch, ticks), known
 

@@ -2,8 +2,7 @@
 
 Recursive prediction error method (Ljung 1999, ch. 11) with an observer of its own for each degree of freedom.
 Two further observers are the derivatives of its prediction by the parameters. Where the innovation has the
-shape of a derivative, that parameter is off. The commands come from the loop; what that does to the estimate
-stands in docs/theory.md.
+shape of a derivative, that parameter is off. What the closed loop does to the estimate: docs/theory.md.
 
     m = m_n / g,  c = c_n / g          a vehicle of gain g, in units of commanded force
 
@@ -28,15 +27,18 @@ from typing import NamedTuple
 
 from companion.core.bounds import clamped, limited, square_root
 from companion.core.observer import (
-    ByInterval,
     ObserverParameters,
     ObserverState,
-    ObserverTable,
+    Push,
+    Sample,
+    StepCoefficients,
     at_rest,
+    coasted,
     coefficients,
     correct,
+    innovation,
     predict_step,
-    scheduled_parameters,
+    slopes,
 )
 
 MEMORY_S = 20.0
@@ -50,6 +52,8 @@ OUTLIER = 4.0
 
 PRIOR_LOG_GAIN, PRIOR_LAG_S = 0.5, 0.1
 """Standard deviations of γ and T as far as is known beforehand."""
+KNOWN_GAIN, KNOWN_LAG = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN), 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
+"""P⁻¹."""
 
 MOST_LOG_GAIN = math.log(4.0)
 LEAST_LAG_S, MOST_LAG_S = 0.04, 0.4
@@ -67,26 +71,17 @@ TOLERATED_LOG_GAIN, TOLERATED_LAG_S = 0.1, 0.02
 """The model in use follows what was found at so many standard deviations, the tolerated ones among them. It
 takes more to believe in a vehicle that answers less: more would be asked of it."""
 
-NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
-"""Observers are looked up again where the model has moved further."""
-
 MEASURED_S, OFTEN = 0.2, 0.7
 """Nothing is learnt of data that come in less than OFTEN of the ticks of MEASURED_S."""
 
-LAG_COUNTS = 0.3
 ROUNDING = 1e-15
 
 
-class ModelState(NamedTuple):
-    """The observer of one degree of freedom, its derivatives by γ and T, and the innovations' variances."""
+class Theta(NamedTuple):
+    """What a vehicle is taken for, or was found to be: γ and T."""
 
-    observer: ObserverState
-    by_gain: ObserverState
-    by_lag: ObserverState
-    position_variance: float
-    rate_variance: float
-    measured: float
-    """The share of the last steps, over MEASURED_S, in which anything was measured."""
+    log_gain: float
+    lag_s: float
 
 
 class Evidence(NamedTuple):
@@ -102,18 +97,22 @@ class Evidence(NamedTuple):
 class Found(NamedTuple):
     """What was found of one axis: θ, and R."""
 
-    log_gain: float
-    lag_s: float
+    theta: Theta
     gain_gain: float
     gain_lag: float
     lag_lag: float
 
 
-class Used(NamedTuple):
-    """What controller and observer take one axis for: γ and T."""
+class ModelState(NamedTuple):
+    """The observer of one degree of freedom, its derivatives by γ and T, and the innovations' variances."""
 
-    log_gain: float
-    lag_s: float
+    observer: ObserverState
+    by_gain: ObserverState
+    by_lag: ObserverState
+    position_variance: float
+    rate_variance: float
+    measured: float
+    """The share of the last steps, over MEASURED_S, in which anything was measured."""
 
 
 NO_EVIDENCE = Evidence(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -122,73 +121,80 @@ NO_EVIDENCE = Evidence(0.0, 0.0, 0.0, 0.0, 0.0)
 def start(position: float, measured: float = 1.0) -> ModelState:
     """Observe from a known place; `measured` is how often it was measured before."""
     q, v = START_SPREAD
-    return ModelState(at_rest(position), at_rest(0.0), at_rest(0.0), q * q, v * v, measured)
-
-
-def nothing_found(lag_s: float) -> Found:
-    """Return the nominal vehicle, of which nothing was found."""
-    return Found(0.0, lag_s, 0.0, 0.0, 0.0)
+    return _still(at_rest(position), q * q, v * v, measured)
 
 
 def observe(
-    parameters: ObserverParameters,
-    state: ModelState,
-    u: float,
-    m: float,
-    c: float,
-    dt_s: float,
-    position: float,
-    rate: float,
-    angular: bool,
+    parameters: ObserverParameters, theta: Theta, state: ModelState, push: Push, sample: Sample, angular: bool
 ) -> tuple[ModelState, Evidence]:
-    """Go on by `dt_s`, above zero, under thrust `u` to what was measured there; NaN where nothing was.
+    """Go on by a step, whose time is above zero, to what was measured at its end, with a vehicle of θ.
 
     Where less than OFTEN of the steps bring a measurement nothing is said: the Kalman gain is for each step.
     """
-    some = 0.0 if math.isnan(position) and math.isnan(rate) else 1.0
+    dt_s, spread_q, spread_v = push.dt_s, state.position_variance, state.rate_variance
+    some = 0.0 if math.isnan(sample.position) and math.isnan(sample.rate) else 1.0
     measured = state.measured + (some - state.measured) * (1.0 - math.exp(-dt_s / MEASURED_S))
     if measured < OFTEN:
-        place = state.observer if math.isnan(position) else at_rest(position)
-        rest = at_rest(0.0)
-        return ModelState(
-            place, rest, rest, state.position_variance, state.rate_variance, measured
-        ), NO_EVIDENCE
-    lag_s = parameters.thrust_lag_s
-    model = coefficients(parameters, m, c, dt_s)
-    _, keep, _, push = model
-    slow = math.exp(dt_s / -parameters.slow_time_s)
-    q, v, f, d, s, p = state.observer
-    q_1, v_1, f_1 = predict_step(model, (q, v, f), u, d)
-    observed = ObserverState(q_1, v_1, f_1, d, s * slow, p * slow)
-    by_gain = _driven(model, state.by_gain, slow, push * (f + f_1), 0.0)
-    more_f = (f - u) * keep * dt_s / (lag_s * lag_s)
-    by_lag = _driven(model, state.by_lag, slow, push * more_f, more_f)
-
-    nu_q, nu_v, gain_q, gain_v, lag_q, lag_v = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    spread_q, spread_v = state.position_variance, state.rate_variance
-    if not math.isnan(position):
-        nu_q = position - (observed.q + observed.s)
-        if angular:
-            nu_q = (nu_q + math.pi) % (2.0 * math.pi) - math.pi
-        gain_q, lag_q = by_gain.q + by_gain.s, by_lag.q + by_lag.s
-        spread_q = _spread(spread_q, nu_q, dt_s)
-    if not math.isnan(rate):
-        nu_v = rate - (observed.v + observed.p)
-        gain_v, lag_v = by_gain.v + by_gain.p, by_lag.v + by_lag.p
-        spread_v = _spread(spread_v, nu_v, dt_s)
-    observed = correct(parameters, observed, nu_q, nu_v)
-    by_gain = correct(parameters, by_gain, -gain_q, -gain_v)
-    by_lag = correct(parameters, by_lag, -lag_q, -lag_v)
+        place = state.observer if math.isnan(sample.position) else at_rest(sample.position)
+        return _still(place, spread_q, spread_v, measured), NO_EVIDENCE
+    observed, by_gain, by_lag = _advanced(state, theta, push, math.exp(dt_s / -parameters.slow_time_s))
+    nu_q, nu_v = innovation(observed, sample, angular)
+    (gain_q, gain_v), (lag_q, lag_v) = slopes(by_gain, sample), slopes(by_lag, sample)
+    spread_q, spread_v = _spread(spread_q, nu_q, dt_s), _spread(spread_v, nu_v, dt_s)
+    after = ModelState(
+        observer=correct(parameters, observed, nu_q, nu_v),
+        by_gain=correct(parameters, by_gain, -gain_q, -gain_v),
+        by_lag=correct(parameters, by_lag, -lag_q, -lag_v),
+        position_variance=spread_q,
+        rate_variance=spread_v,
+        measured=measured,
+    )
     nu_q, nu_v = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
     weight_q, weight_v = 1.0 / (DOUBTED * spread_q), 1.0 / (DOUBTED * spread_v)
-    evidence = Evidence(
-        weight_q * gain_q * nu_q + weight_v * gain_v * nu_v,
-        weight_q * lag_q * nu_q + weight_v * lag_v * nu_v,
-        weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
-        weight_q * gain_q * lag_q + weight_v * gain_v * lag_v,
-        weight_q * lag_q * lag_q + weight_v * lag_v * lag_v,
+    return after, Evidence(
+        gain=weight_q * gain_q * nu_q + weight_v * gain_v * nu_v,
+        lag=weight_q * lag_q * nu_q + weight_v * lag_v * nu_v,
+        gain_gain=weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
+        gain_lag=weight_q * gain_q * lag_q + weight_v * gain_v * lag_v,
+        lag_lag=weight_q * lag_q * lag_q + weight_v * lag_v * lag_v,
     )
-    return ModelState(observed, by_gain, by_lag, spread_q, spread_v, measured), evidence
+
+
+def _still(
+    observer: ObserverState, position_variance: float, rate_variance: float, measured: float
+) -> ModelState:
+    """Return an observer whose prediction θ does not change."""
+    rest = at_rest(0.0)
+    return ModelState(
+        observer=observer,
+        by_gain=rest,
+        by_lag=rest,
+        position_variance=position_variance,
+        rate_variance=rate_variance,
+        measured=measured,
+    )
+
+
+def _advanced(
+    state: ModelState, theta: Theta, push: Push, slow: float
+) -> tuple[ObserverState, ObserverState, ObserverState]:
+    """Return the observer and its derivatives by γ and T after a step, before what is measured."""
+    u, dt_s, f, lag_s = push.u, push.dt_s, state.observer.f, theta.lag_s
+    model = coefficients(push, math.exp(theta.log_gain), lag_s, dt_s)
+    _, keep, _, pushed = model
+    observed = coasted(model, slow, state.observer, u)
+    more_f = (f - u) * keep * dt_s / (lag_s * lag_s)
+    by_gain = _driven(model, state.by_gain, slow, pushed * (f + observed.f), 0.0)
+    return observed, by_gain, _driven(model, state.by_lag, slow, pushed * more_f, more_f)
+
+
+def _driven(
+    model: StepCoefficients, slope: ObserverState, slow: float, more_v: float, more_f: float
+) -> ObserverState:
+    """Let a derivative go on, which gains `more_v` and `more_f` beside the model's own motion."""
+    q, v, f, d, s, p = slope
+    q, v, f = predict_step(model, (q, v, f), 0.0, d)
+    return ObserverState(q + model[0] * more_v, v + more_v, f + more_f, d, s * slow, p * slow)
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:
@@ -203,25 +209,15 @@ def _spread(variance: float, nu: float, dt_s: float) -> float:
     return variance + ((squared if squared < most else most) - variance) * (dt_s / SPREAD_MEMORY_S)
 
 
-def _driven(
-    model: tuple[float, float, float, float], slope: ObserverState, slow: float, more_v: float, more_f: float
-) -> ObserverState:
-    """Let a derivative go on, which gains `more_v` and `more_f` beside the model's own motion."""
-    q, v, f = predict_step(model, (slope.q, slope.v, slope.f), 0.0, slope.d)
-    return ObserverState(
-        q + model[0] * more_v, v + more_v, f + more_f, slope.d, slope.s * slow, slope.p * slow
-    )
-
-
-def mixed(one: Evidence, share: float, other: Evidence, other_share: float) -> Evidence:
+def shared(one: Evidence, share: float, other: Evidence, other_share: float) -> Evidence:
     """Return what two degrees of freedom say of an axis, of which each has a share (cos², sin²)."""
     squared, other_squared = share * share, other_share * other_share
     return Evidence(
-        share * one.gain + other_share * other.gain,
-        share * one.lag + other_share * other.lag,
-        squared * one.gain_gain + other_squared * other.gain_gain,
-        squared * one.gain_lag + other_squared * other.gain_lag,
-        squared * one.lag_lag + other_squared * other.lag_lag,
+        gain=share * one.gain + other_share * other.gain,
+        lag=share * one.lag + other_share * other.lag,
+        gain_gain=squared * one.gain_gain + other_squared * other.gain_gain,
+        gain_lag=squared * one.gain_lag + other_squared * other.gain_lag,
+        lag_lag=squared * one.lag_lag + other_squared * other.lag_lag,
     )
 
 
@@ -231,35 +227,36 @@ def learn(found: Found, evidence: Evidence, dt_s: float) -> Found:
     gain_gain = keep * found.gain_gain + evidence.gain_gain
     gain_lag = keep * found.gain_lag + evidence.gain_lag
     lag_lag = keep * found.lag_lag + evidence.lag_lag
-    log_gain, lag_s = found.log_gain, found.lag_s
-    known = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
-    if gain_gain > INFORMED * known:
-        a, b = gain_gain + known, lag_lag + 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
+    log_gain, lag_s = found.theta
+    if gain_gain > INFORMED * KNOWN_GAIN:
+        a, b = gain_gain + KNOWN_GAIN, lag_lag + KNOWN_LAG
         determinant = _determinant(a, b, gain_lag)
         more = (b * evidence.gain - gain_lag * evidence.lag) / determinant
         later_s = (a * evidence.lag - gain_lag * evidence.gain) / determinant
-        lag_s = clamped(found.lag_s + limited(later_s, LAG_PER_S * dt_s), LEAST_LAG_S, MOST_LAG_S)
-        if lag_s == found.lag_s:
+        lag_s = clamped(lag_s + limited(later_s, LAG_PER_S * dt_s), LEAST_LAG_S, MOST_LAG_S)
+        if lag_s == found.theta.lag_s:
             more = evidence.gain / a
-        log_gain = clamped(
-            found.log_gain + limited(more, LOG_GAIN_PER_S * dt_s), -MOST_LOG_GAIN, MOST_LOG_GAIN
-        )
+        log_gain = _more_gain(log_gain, more, dt_s)
     if not math.isfinite(log_gain + lag_s + gain_gain + lag_lag):
         return found
-    return Found(log_gain, lag_s, gain_gain, gain_lag, lag_lag)
+    theta = Theta(log_gain, lag_s)
+    return Found(theta=theta, gain_gain=gain_gain, gain_lag=gain_lag, lag_lag=lag_lag)
 
 
 def learn_gain(found: Found, evidence: Evidence, of_lag: Found, dt_s: float) -> Found:
     """Take in the evidence of one tick on γ alone; T is what `of_lag` found of it."""
     gain_gain = math.exp(-dt_s / MEMORY_S) * found.gain_gain + evidence.gain_gain
-    known = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
-    log_gain = found.log_gain
-    if gain_gain > INFORMED * known:
-        more = limited(evidence.gain / (gain_gain + known), LOG_GAIN_PER_S * dt_s)
-        log_gain = clamped(log_gain + more, -MOST_LOG_GAIN, MOST_LOG_GAIN)
+    log_gain = found.theta.log_gain
+    if gain_gain > INFORMED * KNOWN_GAIN:
+        log_gain = _more_gain(log_gain, evidence.gain / (gain_gain + KNOWN_GAIN), dt_s)
     if not math.isfinite(log_gain + gain_gain):
         return found
-    return Found(log_gain, of_lag.lag_s, gain_gain, 0.0, of_lag.lag_lag)
+    theta = Theta(log_gain, of_lag.theta.lag_s)
+    return Found(theta=theta, gain_gain=gain_gain, gain_lag=0.0, lag_lag=of_lag.lag_lag)
+
+
+def _more_gain(log_gain: float, more: float, dt_s: float) -> float:
+    return clamped(log_gain + limited(more, LOG_GAIN_PER_S * dt_s), -MOST_LOG_GAIN, MOST_LOG_GAIN)
 
 
 def _determinant(a: float, b: float, c: float) -> float:
@@ -270,8 +267,7 @@ def _determinant(a: float, b: float, c: float) -> float:
 
 def covariance(found: Found) -> tuple[float, float, float]:
     """Return (R + P⁻¹)⁻¹: variance of γ, covariance, variance of T."""
-    a = found.gain_gain + 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN)
-    b = found.lag_lag + 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
+    a, b = found.gain_gain + KNOWN_GAIN, found.lag_lag + KNOWN_LAG
     determinant = _determinant(a, b, found.gain_lag)
     return b / determinant, -found.gain_lag / determinant, a / determinant
 
@@ -282,12 +278,7 @@ def doubt(found: Found) -> tuple[float, float]:
     return square_root(gain), square_root(lag)
 
 
-def longest_lag_s(found: Found) -> float:
-    """Return the lag that was found and its standard deviation more, s."""
-    return found.lag_s + doubt(found)[1]
-
-
-def follow(used: Used, found: Found) -> Used:
+def follow(used: Theta, found: Found) -> Theta:
     """Return the model to use: the one in use as long as it may be true, else nearer to what was found.
 
     It goes along the straight line to θ until θ is so many standard deviations away.
@@ -295,56 +286,12 @@ def follow(used: Used, found: Found) -> Used:
     gain, both, lag = covariance(found)
     gain = gain + TOLERATED_LOG_GAIN * TOLERATED_LOG_GAIN
     lag = lag + TOLERATED_LAG_S * TOLERATED_LAG_S
-    off, off_s = used.log_gain - found.log_gain, used.lag_s - found.lag_s
+    theta = found.theta
+    off, off_s = used.log_gain - theta.log_gain, used.lag_s - theta.lag_s
     determinant = _determinant(gain, lag, both)
     squared = (lag * off * off - 2.0 * both * off * off_s + gain * off_s * off_s) / determinant
     sure = SURE_OF_LESS if off > 0.0 else SURE
     if not squared > sure * sure:
         return used
     share = sure / math.sqrt(squared)
-    return Used(found.log_gain + share * off, found.lag_s + share * off_s)
-
-
-class Tables(NamedTuple):
-    """Observers of one degree of freedom by gain and lag: those of the control, and the one in here."""
-
-    control: tuple[ObserverTable, ObserverTable, ObserverTable, ObserverTable]
-    """For each of `observer.INTERVALS`."""
-    here: ObserverTable
-
-
-class Scheduled(NamedTuple):
-    """Both observers' parameters, and the model for which they were looked up."""
-
-    at: Used
-    control: ByInterval
-    here: ObserverParameters
-
-
-def schedule(tables: Tables, used: Used) -> Scheduled:
-    """Look up both observers for a model."""
-    one, two, three, four = tables.control
-    return Scheduled(
-        used,
-        (
-            scheduled_parameters(one, used.log_gain, used.lag_s),
-            scheduled_parameters(two, used.log_gain, used.lag_s),
-            scheduled_parameters(three, used.log_gain, used.lag_s),
-            scheduled_parameters(four, used.log_gain, used.lag_s),
-        ),
-        scheduled_parameters(tables.here, used.log_gain, used.lag_s),
-    )
-
-
-def is_near(scheduled: Scheduled, used: Used) -> bool:
-    """Tell whether the observers that were looked up are as good for the model in use now."""
-    at = scheduled.at
-    return abs(used.log_gain - at.log_gain) <= NEAR_LOG_GAIN and abs(used.lag_s - at.lag_s) <= NEAR_LAG_S
-
-
-def later_s(used: Used, nominal_lag_s: float) -> float:
-    """Return the delay (s) for which gains are drawn back beside the loop's own.
-
-    A lag beyond the nominal one counts for a part: the prediction makes up for the rest.
-    """
-    return LAG_COUNTS * (used.lag_s - nominal_lag_s) if used.lag_s > nominal_lag_s else 0.0
+    return Theta(theta.log_gain + share * off, theta.lag_s + share * off_s)

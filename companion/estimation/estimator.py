@@ -166,10 +166,10 @@ class Estimator:
         Their memory is forgotten where the autopilot booted. `learns` tells by axis whether our commands
         alone moved the vehicle, `held` whether a place is held.
         """
-        if not all(map(observers.is_believable, memory.states)):
+        if not all(observers.is_believable(dof.state) for dof in memory.dofs):
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
-        self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.states[Z])
+        self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
         self._depth_refused = False
         self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)
         self._measured = [NOTHING] * len(DOFS)

@@ -5,9 +5,10 @@ from msgspec.structs import replace
 from companion.config import Config
 from companion.core import thruster_watch
 from companion.core.allocation import Thrusters
+from companion.core.model_learner import Tables
 from companion.core.observer import INTERVALS, ObserverParameters, ObserverTable
 from companion.core.positioning import Model
-from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN, Tables
+from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN
 from companion.estimation.observer_design import Noise, observer_parameters, observer_table, table_in_steps
 from companion.records import Z
 from companion.steps import Steps

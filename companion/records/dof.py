@@ -1,7 +1,7 @@
 """Degrees of freedom and axes: their names, their order, and the vectors that follow it."""
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,11 @@ AXES = ("surge", "sway", "heave", "yaw")
 X, Y, Z, PSI = range(4)
 
 
-def vector(values: Iterable[float]) -> Vector:
-    """Return four numbers as a vector."""
+T = TypeVar("T")
+
+
+def vector(values: Iterable[T]) -> tuple[T, T, T, T]:
+    """Return four of a kind, such as numbers, in the order of degrees of freedom or axes."""
     x, y, z, psi = values
     return (x, y, z, psi)
 

@@ -23,8 +23,8 @@ DEADLY = (
 which is refused before the Kalman gain is computed: that case learns nothing."""
 
 WITHIN = (
-    "observed.states",
-    "observed.mean_d",
+    "observed.dofs.state",
+    "observed.dofs.mean_d",
     "observed.hidden",
     "observed.commands",
     "controlled.axes",
@@ -37,7 +37,7 @@ WITHIN = (
 )
 """Numbers that the core remembers."""
 
-GROWS = ("observed.states", "observed.mean_d", "observed.learner.states", "controlled.axes.learnt")
+GROWS = ("observed.dofs.state", "observed.dofs.mean_d", "observed.learner.states", "controlled.axes.learnt")
 HUGE = (1e160, 1e300)
 """Numbers that nothing bounds where they are remembered."""
 

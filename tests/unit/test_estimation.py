@@ -12,7 +12,7 @@ from alone import Estimate
 from companion.config import load_config
 from companion.core import command_history
 from companion.core.command_history import mean_thrusts
-from companion.core.observer import INTERVALS, ObserverState, advance, expected, rates
+from companion.core.observer import INTERVALS, ObserverState, Push, advance, expected, rates
 from companion.core.observers import MAX_EXTRAPOLATION_S, interpolate
 from companion.core.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
 from companion.records import (
@@ -292,7 +292,7 @@ def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
 def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, number):
     """Error of the observer between samples, (I - K H) A^n; H has the rates by which they are brought."""
     for parameters, m, d1, d2, most_s in zip(
-        [one.control[number] for one in estimator().memory.learner.scheduled],
+        [one.control[number] for one in estimator().memory.learner.schedule.observers],
         M,
         D1,
         D2,
@@ -301,11 +301,14 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, numb
     ):
         gain = np.transpose((parameters.by_position, parameters.by_rate))
         for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
-            c = d1 + speed * d2
+            push = Push(0.0, m, d1 + speed * d2, TICK_S)
             units = [ObserverState(*row) for row in np.eye(6)]
-            A = np.transpose([advance(parameters, unit, 0.0, m, c, TICK_S) for unit in units])
+            A = np.transpose([advance(parameters, unit, push, 1.0) for unit in units])
             H = np.transpose(
-                [np.subtract(expected(unit), side * most_s * np.array(rates(unit, m, c))) for unit in units]
+                [
+                    np.subtract(expected(unit), side * most_s * np.array(rates(unit, push, 1.0)))
+                    for unit in units
+                ]
             )
             closed = (np.eye(6) - gain @ H) @ np.linalg.matrix_power(A, INTERVALS[number])
             assert np.abs(np.linalg.eigvals(closed)).max() < 1.0

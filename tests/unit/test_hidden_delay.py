@@ -10,6 +10,7 @@ from companion import assembly
 from companion.config import load_config
 from companion.core import observers
 from companion.core.hidden_delay import LARGEST_S, start, step
+from companion.core.observer import Push, Sample
 from companion.estimation.observer_design import Noise, observer_parameters
 from lab.batch.simulate import simulate
 from lab.batch.stand_in import Links
@@ -39,7 +40,7 @@ def found(hidden_s, seconds=60.0, force_n=5.0, noise_m=0.0005):
         seen, before = np.array(past[-1 - late]), np.array(past[-2 - late])
         brought_up = seen + (seen - before) * per_tick / DT_S * state.hidden_s  # as the estimator does
         measured = brought_up + noise_m * rng.standard_normal(2)
-        state = step(PARAMETERS, state, u, M, DRAG, DT_S, *measured.tolist())
+        state = step(PARAMETERS, state, Push(u, M, DRAG, DT_S), 1.0, Sample(*measured.tolist()))
     return state.hidden_s
 
 
@@ -59,7 +60,9 @@ def test_without_commands_it_learns_nothing():
 def test_what_was_not_measured_teaches_nothing():
     state = start(0.0, 0.03)
     for tick in range(200):
-        state = step(PARAMETERS, state, 10.0 * (tick % 2), M, DRAG, DT_S, math.nan, math.nan)
+        state = step(
+            PARAMETERS, state, Push(10.0 * (tick % 2), M, DRAG, DT_S), 1.0, Sample(math.nan, math.nan)
+        )
     assert state.hidden_s == 0.03
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from companion.core.observer import (
     ObserverState,
+    Push,
     advance,
     at_rest,
     coefficients,
@@ -31,6 +32,10 @@ PARAMETERS = [
 ]
 POSITION_NOISE, RATE_NOISE, _, _, DISTURBANCE_NOISE, _ = np.array(NOISES).T
 D = np.array([4.0, -3.0, 12.0, -0.4])
+
+
+def push(dof, u, dt_s=TICK_S):
+    return Push(u, M[dof], C[dof], dt_s)
 
 
 def thrust(t):
@@ -62,7 +67,7 @@ def run(q, v, u=thrust, noise=None, states=None):
         if noise is not None:
             measured = measured + noise[k]
         for dof, parameters in enumerate(PARAMETERS):
-            moved = advance(parameters, states[dof], thrusts[dof], M[dof], C[dof], TICK_S)
+            moved = advance(parameters, states[dof], push(dof, thrusts[dof]), 1.0)
             states[dof] = correct(parameters, moved, *(measured[dof] - expected(moved)))
         seen.append(list(states))
     return states, np.array(seen)
@@ -71,8 +76,8 @@ def run(q, v, u=thrust, noise=None, states=None):
 def ahead(states, commands, dt_s=TICK_S):
     """q, v and f along the trajectories, (steps + 1, 4, 3)."""
     trajectories = []
-    for dof, (parameters, state) in enumerate(zip(PARAMETERS, states, strict=True)):
-        step = coefficients(parameters, M[dof], C[dof], dt_s)
+    for dof, state in enumerate(states):
+        step = coefficients(push(dof, 0.0), 1.0, LAG_S, dt_s)
         trajectories.append(predict(step, state, np.asarray(commands)[:, dof], state.d))
     return np.array(trajectories).swapaxes(0, 1)
 
@@ -132,7 +137,7 @@ def test_advance_is_one_step_of_predict():
     states = random_states(2)
     trajectory = ahead(states, [thrust(2.0)])
     for dof, state in enumerate(states):
-        moved = advance(PARAMETERS[dof], state, thrust(2.0)[dof], M[dof], C[dof], TICK_S)
+        moved = advance(PARAMETERS[dof], state, push(dof, thrust(2.0)[dof]), 1.0)
         assert moved[:3] == tuple(trajectory[-1, dof])
         assert moved.d == state.d
         assert moved[4:] == pytest.approx([one * np.exp(-TICK_S / SLOW_S) for one in state[4:]], rel=1e-12)
@@ -142,9 +147,9 @@ def test_rates_are_those_of_the_model():
     """What a short step without slow noise makes of q and v."""
     dt_s = 1e-6
     for dof, state in enumerate(random_states(3)):
-        moved = advance(PARAMETERS[dof], state, state.f, M[dof], C[dof], dt_s)
+        moved = advance(PARAMETERS[dof], state, push(dof, state.f, dt_s), 1.0)
         slopes = [(moved.q - state.q) / dt_s, (moved.v - state.v) / dt_s]
-        assert rates(state, M[dof], C[dof]) == pytest.approx(slopes, rel=1e-4, abs=1e-6)
+        assert rates(state, push(dof, 0.0), 1.0) == pytest.approx(slopes, rel=1e-4, abs=1e-6)
 
 
 def test_an_innovation_of_zero_changes_nothing():
