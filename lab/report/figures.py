@@ -13,30 +13,28 @@ SETTLE_S = 3.0
 
 
 class Axis(NamedTuple):
-    """Names, columns in `state` and `command`, and units of a degree of freedom.
-
-    `scale` leads from m or rad to `unit`. A reference faster than `moving` (m/s, rad/s) moves.
-    """
+    """Name, columns in `state` and `command`, and units of a degree of freedom."""
 
     name: str
-    body: str
     value: str
     desired: str
     force: str
     scale: float
+    """From m or rad to `unit`."""
     unit: str
     force_unit: str
     moving: float
+    """A reference that is faster (m/s, rad/s) moves."""
 
 
 AXES = {
-    "z": Axis("depth", "heave", "depth_m", "depth_desired_m", "heave_delivered_n", 1e3, "mm", "N", 0.005),
+    "z": Axis("depth", "depth_m", "depth_desired_m", "heave_delivered_n", 1e3, "mm", "N", 0.005),
     "psi": Axis(
-        *("heading", "yaw", "heading_rad", "heading_desired_rad", "yaw_delivered_nm"),
+        *("heading", "heading_rad", "heading_desired_rad", "yaw_delivered_nm"),
         *(float(np.degrees(1.0)), "°", "N·m", float(np.radians(0.5))),
     ),
-    "x": Axis("north", "surge", "x_m", "x_desired_m", "surge_delivered_n", 1e3, "mm", "N", 0.005),
-    "y": Axis("east", "sway", "y_m", "y_desired_m", "sway_delivered_n", 1e3, "mm", "N", 0.005),
+    "x": Axis("north", "x_m", "x_desired_m", "surge_delivered_n", 1e3, "mm", "N", 0.005),
+    "y": Axis("east", "y_m", "y_desired_m", "sway_delivered_n", 1e3, "mm", "N", 0.005),
 }
 
 LOOP = {
@@ -83,12 +81,10 @@ class Phase:
 
 @dataclass(frozen=True)
 class DiveFigures:
-    """All of it. `loop`: median, p99 and worst by LOOP.
-
-    `warnings` is what a pilot reads first.
-    """
+    """All of it. `loop`: median, p99 and worst by LOOP."""
 
     warnings: list[str]
+    """What a pilot reads first."""
     phases: list[Phase]
     faults: list[StateSpan]
     loop: dict[str, tuple[float, float, float]]
@@ -98,8 +94,13 @@ class DiveFigures:
 
 def figures(log: Log) -> DiveFigures:
     """Work it out."""
-    active = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
-    phases = [_phase(log, number, span) for number, span in enumerate(active, 1)]
+    phases: list[Phase] = []
+    for span in log.spans:
+        if span.state == "ACTIVE" and span.end_s > span.begin_s:
+            after = [later for later in log.spans if later.begin_s >= span.end_s]
+            ended = f"{after[0].state}: {after[0].reason}" if after else "the recording ended"
+            held = [figure for dof in AXES if (figure := _held(log, span, dof)) is not None]
+            phases.append(Phase(len(phases) + 1, span.begin_s, span.end_s, ended, held))
     state = log.keys["state"]
     voltage = state["voltage_v"]
     return DiveFigures(
@@ -148,15 +149,10 @@ def _warnings(log: Log) -> list[str]:
     return [*said, *(f"{count:.0f} {what}" for what, count in lost.items() if count), *log.notes]
 
 
-def _phase(log: Log, number: int, span: StateSpan) -> Phase:
-    after = [later for later in log.spans if later.begin_s >= span.end_s]
-    ended = f"{after[0].state}: {after[0].reason}" if after else "the recording ended"
-    held = [figure for dof in AXES if (figure := _held(log, span, dof)) is not None]
-    return Phase(number, span.begin_s, span.end_s, ended, held)
-
-
 def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
-    law, state, command = _between(log, dof, span.begin_s, span.end_s)
+    law, state, command = (
+        log.keys[key].between(span.begin_s, span.end_s) for key in (f"dof/{dof}", "state", "command")
+    )
     if min(law.at_s.size, state.at_s.size, command.at_s.size) < 10 or not law["engaged"].any():
         return None
     rate = np.abs(np.interp(state.at_s, law.at_s, np.nan_to_num(law["x_d_dot"])))
@@ -188,13 +184,6 @@ def _spread(log: Log, column: str) -> tuple[float, float, float]:
         return (np.nan,) * 3
     median, p99, worst = LOOP[column][1] * np.percentile(values, (50.0, 99.0, 100.0))
     return float(median), float(p99), float(worst)
-
-
-def _between(log: Log, dof: str, begin_s: float, end_s: float) -> tuple[Columns, Columns, Columns]:
-    law, state, command = (
-        log.keys[key].between(begin_s, end_s) for key in (f"dof/{dof}", "state", "command")
-    )
-    return law, state, command
 
 
 def _rms(values: Array) -> float:

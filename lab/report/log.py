@@ -99,49 +99,45 @@ def load(files: Sequence[Path]) -> Log:
     Raises ValueError where there is no dive in them, OSError.
     """
     rows: dict[str, list[tuple[int, Record]]] = {}
-    vehicle = ""
-    metadata: dict[str, dict[str, str]] = {}
-    notes: list[str] = []
+    log = Log("", 0, 0.0, {}, [], [], [], 0, {}, [])
     for file in sorted(files):
-        reader = Reader(file)
-        for item in reader:
-            root, _, rest = item.key.partition("/")
-            name, _, tail = rest.partition("/")
-            vehicle = vehicle or name
-            if name != vehicle or root == "sim" or "json" not in item.encoding:
-                continue
-            try:
-                rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
-            except (ValueError, RecursionError) as error:
-                notes = notes or [f"left out what could not be read, such as {error}"]
-        metadata = {**reader.metadata, **metadata}
-        if not reader.whole:
-            notes.append(f"{file.name} was cut: {reader.lost_bytes} bytes at its end are lost")
+        _read(file, log, rows)
     if lacking := [tail for tail in telemetry.EVERY_TICK if not rows.get(tail)]:
         raise ValueError(f"{', '.join(map(str, files))}: no dive in it, for there is no {lacking[0]}")
-    began_ns = rows["state"][0][0]
+    log.began_ns = rows["state"][0][0]
 
     def timed(tail: str, kind: type[RecordT]) -> list[tuple[float, RecordT]]:
         samples = rows.get(tail, [])
-        return [((ns - began_ns) / 1e9, record) for ns, record in samples if isinstance(record, kind)]
+        return [((ns - log.began_ns) / 1e9, record) for ns, record in samples if isinstance(record, kind)]
 
-    keys = {
-        tail: _columns(samples, began_ns)
+    log.keys = {
+        tail: _columns(samples, log.began_ns)
         for tail, samples in rows.items()
         if tail in telemetry.EVERY_TICK and tail != "supervisor"
     }
-    return Log(
-        vehicle=vehicle,
-        began_ns=began_ns,
-        duration_s=float(keys["state"].at_s[-1]),
-        keys=keys,
-        spans=_spans(timed("supervisor", Supervisor)),
-        events=timed("event", Event),
-        plans=[plan for _, plan in timed("plan", Plan)],
-        dropped=max((status.dropped for _, status in timed("recorder", Recorder)), default=0),
-        metadata=metadata,
-        notes=notes,
-    )
+    log.duration_s = float(log.keys["state"].at_s[-1])
+    log.spans, log.events = _spans(timed("supervisor", Supervisor)), timed("event", Event)
+    log.plans = [plan for _, plan in timed("plan", Plan)]
+    log.dropped = max((status.dropped for _, status in timed("recorder", Recorder)), default=0)
+    return log
+
+
+def _read(file: Path, log: Log, rows: dict[str, list[tuple[int, Record]]]) -> None:
+    """Add a file's records to `rows`, and what it says of itself to `log`."""
+    reader = Reader(file)
+    for item in reader:
+        root, _, rest = item.key.partition("/")
+        name, _, tail = rest.partition("/")
+        log.vehicle = log.vehicle or name
+        if name != log.vehicle or root == "sim" or "json" not in item.encoding:
+            continue
+        try:
+            rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
+        except (ValueError, RecursionError) as error:
+            log.notes = log.notes or [f"left out what could not be read, such as {error}"]
+    log.metadata = {**reader.metadata, **log.metadata}
+    if not reader.whole:
+        log.notes.append(f"{file.name} was cut: {reader.lost_bytes} bytes at its end are lost")
 
 
 def _columns(samples: list[tuple[int, Record]], began_ns: int) -> Columns:

@@ -10,20 +10,15 @@ from lab.report.figures import AXES, LOOP, DiveFigures, Held
 from lab.report.log import Log
 
 STYLE = """
-:root { color-scheme: light dark; --faint: #666; --line: #ddd; --mark: #D55E00; --ground: #fff; --text: #111 }
-@media (prefers-color-scheme: dark) {
-  :root { --faint: #aaa; --line: #444; --ground: #161616; --text: #eee }
-}
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 1.5rem auto; padding: 0 1rem;
-  background: var(--ground); color: var(--text) }
+:root { color-scheme: light dark }
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 1.5rem auto; padding: 0 1rem }
 h1 { font-size: 1.5rem; margin: 0 } h2 { font-size: 1.1rem; margin: 1.8rem 0 .4rem }
-p { color: var(--faint); margin: .2rem 0 1rem }
+p, th { opacity: .7 } p { margin: .2rem 0 1rem } div { overflow-x: auto }
 img { width: 100%; background: #fff; border-radius: 4px }
-div { overflow-x: auto }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
-th, td { padding: .25rem .8rem .25rem 0; text-align: left; border-bottom: 1px solid var(--line) }
-th { font-weight: 600; color: var(--faint) } details td { white-space: pre-wrap; vertical-align: top }
-ul { border-left: 3px solid var(--mark); padding-left: 1.6rem } li { margin: .35rem 0 }
+th, td { padding: .25rem .8rem .25rem 0; text-align: left; border-bottom: 1px solid #8884 }
+th { font-weight: 600 } details td { white-space: pre-wrap; vertical-align: top }
+ul { border-left: 3px solid #D55E00; padding-left: 1.6rem } li { margin: .35rem 0 }
 """
 HELD = (
     *("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving"),
@@ -48,6 +43,22 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
     ]
     warnings = "".join(f"<li>{escape(warning)}</li>\n" for warning in figures.warnings)
     image = base64.b64encode(picture).decode()
+    config = ((part, key, value) for part, table in log.metadata.items() for key, value in table.items())
+    return "\n".join(
+        (
+            '<!doctype html>\n<html lang="en"><meta charset="utf-8">',
+            f"<title>{escape(title)}</title><style>{STYLE}</style>",
+            f"<h1>{escape(title)}</h1>\n<p>{escape(', '.join(said))}.</p>",
+            f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
+            f'<img alt="States, each axis, and the loop over time" src="data:image/png;base64,{image}">',
+            f"<h2>How well it was held</h2>\n{_rows(HELD, _held(figures))}{ERRORS}",
+            *(f"<h2>{name}</h2>\n{_rows(head, rows)}" for name, head, rows in _tables(log, figures)),
+            f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",
+        )
+    )
+
+
+def _tables(log: Log, figures: DiveFigures) -> Iterator[tuple[str, Sequence[str], Iterable[Sequence[str]]]]:
     states = (
         (
             _time(span.begin_s),
@@ -58,37 +69,21 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
         )
         for span in log.spans
     )
+    yield "States", ("at", "state", "for", "because", "conditions seen"), states
     events = ((_time(at_s), event.severity, event.kind, event.text) for at_s, event in log.events)
+    yield "Events", ("at", "severity", "kind", "what"), events
     loop = ((LOOP[column][0], *map(_number, values)) for column, values in figures.loop.items())
-    config = ((part, key, value) for part, table in log.metadata.items() for key, value in table.items())
-    return "\n".join(
-        (
-            '<!doctype html>\n<html lang="en"><meta charset="utf-8">',
-            f"<title>{escape(title)}</title><style>{STYLE}</style>",
-            f"<h1>{escape(title)}</h1>\n<p>{escape(', '.join(said))}.</p>",
-            f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
-            f'<img alt="States, each axis, and the loop over time" src="data:image/png;base64,{image}">',
-            _table("How well it was held", HELD, _held(figures)) + ERRORS,
-            _table("States", ("at", "state", "for", "because", "conditions seen"), states),
-            _table("Events", ("at", "severity", "kind", "what"), events),
-            _table("Loop and link", ("", "median", "p99", "worst"), loop),
-            f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",
-        )
-    )
+    yield "Loop and link", ("", "median", "p99", "worst"), loop
 
 
 def lines(figures: DiveFigures) -> Iterator[str]:
-    """Give the same in a few lines for the terminal."""
+    """Give warnings and errors for the terminal."""
     yield from (f"* {warning}" for warning in figures.warnings)
     for phase in figures.phases:
         yield f"phase {phase.number}, {_time(phase.begin_s)} to {_time(phase.end_s)}, ended: {phase.ended}"
         for hold in phase.held:
-            axis = AXES[hold.dof]
-            yield (
-                f"  {axis.name:8} RMS {_number(hold.rms)} {axis.unit}, p95 {_number(hold.p95)}, peak "
-                f"{_number(hold.peak)}; moving {_number(hold.moving_rms)}; chatter {_number(hold.chatter)} "
-                f"{axis.force_unit}; saturated {hold.saturated:.1%}"
-            )
+            cells = zip(HELD[3:-1], _row(hold), strict=True)
+            yield "  " + ", ".join(f"{name} {cell}".strip() for name, cell in cells)
 
 
 def _held(figures: DiveFigures) -> Iterator[Sequence[str]]:
@@ -106,10 +101,6 @@ def _row(hold: Held) -> Iterator[str]:
     for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter):
         yield _with(value, axis.force_unit)
     yield f"{hold.saturated:.1%}"
-
-
-def _table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return f"<h2>{title}</h2>\n{_rows(head, rows)}"
 
 
 def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -32,17 +32,11 @@ def main(argv: list[str]) -> int:
         "thrust and chatter, states and events, the model that fits the dive, delays and loop.",
         EXAMPLES,
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="recordings of one dive, MCAP")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file"
-    )
-    parser.add_argument("--json", type=json_file, metavar="FILE", help="also write all figures to FILE")
-    parser.add_argument(
-        "--ticks",
-        type=table_file,
-        metavar="FILE",
-        help="also write every number of every tick to FILE.csv",
-    )
+    add = parser.add_argument
+    add("files", nargs="+", type=Path, metavar="FILE", help="recordings of one dive, MCAP")
+    add("--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file")
+    add("--json", type=json_file, metavar="FILE", help="also write all figures to FILE")
+    add("--ticks", type=table_file, metavar="FILE", help="also write every number of every tick to FILE.csv")
     removed_option(parser, "--table", "--json has the same figures")
     removed_option(parser, "--foxglove", "Foxglove opens the recording itself")
     options = parser.parse_args(argv)
