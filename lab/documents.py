@@ -99,15 +99,15 @@ def _telemetry() -> Iterator[str]:
         shown = "`, `".join([tail, *more])
         rate = f"; {RATES[tail]}" if tail in RATES else ""
         yield f"| `holdfast/{{vehicle}}/{shown}` | {_link(struct)}: {_first(struct)}{rate} |"
-    yield f"| `holdfast/{{vehicle}}/raw` | {_link(Raw)}: {_first(Raw)}; only with `telemetry.raw` |"
+    yield f"| `holdfast/{{vehicle}}/raw` | {_first(Raw)}; only with `telemetry.raw` |"
     yield f"| `sim/{{vehicle}}/truth` | {_link(Truth)}: {_first(Truth)}; 50 Hz, by `holdfast sim` |"
     yield "| `holdfast/{vehicle}/alive/{instance}` | a liveliness token while the companion runs |"
-    yield "\nEach has these fields, all but Raw and Truth:\n"
+    yield "\nEach has these fields, all but Truth:\n"
     yield from _table(Record)
-    for struct in keys | {Raw: [], Truth: []}:
+    for struct in keys | {Truth: []}:
         more_words = _words(struct).removeprefix(_first(struct)).removeprefix(".").strip()
         yield f"\n### {struct.__name__}\n" + (f"\n{more_words}\n" if more_words else "")
-        yield from _table(struct, () if struct in (Raw, Truth) else Record.__struct_fields__)
+        yield from _table(struct, () if struct is Truth else Record.__struct_fields__)
     yield "\n## Commands\n"
     yield "Send a query to `holdfast/{vehicle}/command/{name}`. Its payload is a JSON object (`{}` for a"
     yield "command without fields), its answer a [Reply](#reply). These have no fields:\n"
@@ -136,7 +136,7 @@ def _table(struct: type[msgspec.Struct], without: Sequence[str] = ()) -> Iterato
 
 
 def _said(field: Field) -> str:
-    plain = field.type in ("number", "integer", "string") and field.unit in ("", *UNITS.values())
+    plain = field.type in ("number", "integer", "string", "boolean") and field.unit in ("", *UNITS.values())
     return "; ".join(filter(None, (field.what, "" if plain else _kind(field))))
 
 

@@ -79,9 +79,9 @@ class SetSetpoint(Payload, frozen=True):
 class Goto(Payload, frozen=True):
     """Go to a place in a straight line, and hold it; coordinates that are not given stay.
 
-    In the frame "offset" they count from where the vehicle is, north, east and down; in "body" forward, right
-    and down, and the heading clockwise. `x_m` and `y_m` need a position source, `altitude_m`, kept until a
-    depth is given, a rangefinder. `roll_deg` and `pitch_deg` are held until the release; they need a Heavy.
+    In the frames "offset" and "body" they count from where the vehicle is. `x_m` and `y_m` need a position
+    source, `altitude_m`, kept until a depth is given, a rangefinder. Roll and pitch, held until the release,
+    need a Heavy.
     """
 
     order = "go to"

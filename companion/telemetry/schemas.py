@@ -50,16 +50,14 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
     t_s: Annotated[float, field("the companion's monotonic clock", "state.t_s")]
     boot_s: Annotated[float, field("the vehicle's clock since its boot", "state.boot_s")]
-    absent: Annotated[
-        tuple[str, ...], field("unknown: stale ones keep their last value, others are 0.0", None)
-    ] = ()
+    absent: Annotated[tuple[str, ...], field("unknown fields: 0.0, or the last value", None)] = ()
 
 
 class State(Record, frozen=True, kw_only=True):
     """The estimated state and the reference, at present. NED; heading clockwise from north."""
 
-    x_m: Annotated[float, field("north of the origin of the position source", "state.eta[x]")]
-    y_m: Annotated[float, field("east of this origin", "state.eta[y]")]
+    x_m: Annotated[float, field("north and east of the origin of the position source", "state.eta[x]")]
+    y_m: Annotated[float, field("north and east of the origin of the position source", "state.eta[y]")]
     depth_m: Annotated[float, field("below the surface", "state.eta[z]")]
     heading_rad: Annotated[float, field("-pi..pi", "state.eta[psi]")]
     x_desired_m: Annotated[float, field("of the reference", "eta_d[x]")]
@@ -70,8 +68,8 @@ class State(Record, frozen=True, kw_only=True):
     y_rate_mps: Annotated[float, field("rate of change", "state.eta_dot[y]")]
     depth_rate_mps: Annotated[float, field("rate of change", "state.eta_dot[z]")]
     heading_rate_radps: Annotated[float, field("rate of change", "state.eta_dot[psi]")]
-    roll_rad: Annotated[float, field("right side down", "state.roll")]
-    pitch_rad: Annotated[float, field("bow up", "state.pitch")]
+    roll_rad: Annotated[float, field("right side down, bow up", "state.roll")]
+    pitch_rad: Annotated[float, field("right side down, bow up", "state.pitch")]
     roll_desired_rad: Annotated[float, field("the angle that is held", "angles_d.roll")] = 0.0
     pitch_desired_rad: Annotated[float, field("the angle that is held", "angles_d.pitch")] = 0.0
     roll_rate_radps: Annotated[float, field("rate in the body frame", "state.p")]
@@ -82,63 +80,66 @@ class State(Record, frozen=True, kw_only=True):
     voltage_v: Annotated[float, field("battery voltage")]
     pilot_gain: Annotated[float, field("ArduSub's live stick gain, 0..1")]
     dead_motor: Annotated[int, field("number of the motor that gives no thrust; 0 for none")]
-    guidance: Annotated[
-        str, field("hold, move, path, paused, waiting or refused; empty if not engaged", "guided.kind")
-    ] = ""
+    guidance: Annotated[str, field("hold, move, path, paused, waiting, refused", "guided.kind")] = ""
     path_number: Annotated[int, field("counts the paths and moves", "guided.number")] = 0
     path_progress_m: Annotated[float, field("along it, laps included", "guided.progress_m")] = 0.0
     path_length_m: Annotated[float, field("of one lap; 0 for a move", "guided.length_m")] = 0.0
     current_north_mps: Annotated[
-        float, field("velocity of the water; absent if unknown", "state.current.north_mps")
+        float, field("velocity of the water, and its doubt", "state.current.north_mps")
     ] = 0.0
-    current_east_mps: Annotated[float, field("velocity of the water", "state.current.east_mps")] = 0.0
-    current_doubt_mps: Annotated[float, field("its standard deviation", "state.current.doubt_mps")] = 0.0
+    current_east_mps: Annotated[
+        float, field("velocity of the water, and its doubt", "state.current.east_mps")
+    ] = 0.0
+    current_doubt_mps: Annotated[
+        float, field("velocity of the water, and its doubt", "state.current.doubt_mps")
+    ] = 0.0
     altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
     depth_offset_m: Annotated[float, field("by how much the autopilot's depth is deeper")] = 0.0
     altitude_desired_m: Annotated[float, field("0 where a depth is held", "guided.altitude_m")] = 0.0
     path_speed_mps: Annotated[float, field("of the reference", "guided.speed_mps")] = 0.0
     path_left_m: Annotated[float, field("to the end; absent if it has none", "guided.left_m")] = 0.0
-    path_left_s: Annotated[float, field("to the end, by the last half minute", "guided.left_s")] = 0.0
+    path_left_s: Annotated[float, field("to the end; absent if it has none", "guided.left_s")] = 0.0
     pending: Annotated[str, field("what it does on engaging; empty: hold here", "guided.pending")] = ""
 
 
 class Dof(Record, frozen=True, kw_only=True):
     """The law's signals of one degree of freedom, predicted `ahead_s` from now, when the command acts.
 
-    tau = feedforward + feedback + d_hat, before saturation.
+    tau = feedforward + feedback + d_hat, before saturation. `model_gain` is 1 for the nominal vehicle. A
+    doubt is a standard deviation, of a gain that of its natural logarithm.
     """
 
     dof: Annotated[str, field("x, y, z or psi", None)]
     unit: Annotated[str, field("of x, x_d and e: m or rad; rates are per s and s²", None)]
     tau_unit: Annotated[str, field("of tau, its parts and the disturbances: N or N·m", None)]
     ahead_s: Annotated[float, field("prediction horizon of this record", "state.ahead_s")]
-    x_d: Annotated[float, field("reference")]
-    x_d_dot: Annotated[float, field("its rate")]
-    x_d_ddot: Annotated[float, field("its acceleration")]
-    x: Annotated[float, field("estimate")]
-    x_dot: Annotated[float, field("its rate")]
-    e: Annotated[float, field("error, measured minus desired")]
-    e_dot: Annotated[float, field("its rate")]
+    x_d: Annotated[float, field("reference, its rate and acceleration")]
+    x_d_dot: Annotated[float, field("reference, its rate and acceleration")]
+    x_d_ddot: Annotated[float, field("reference, its rate and acceleration")]
+    x: Annotated[float, field("estimate and its rate")]
+    x_dot: Annotated[float, field("estimate and its rate")]
+    e: Annotated[float, field("error, measured minus desired, and its rate")]
+    e_dot: Annotated[float, field("error, measured minus desired, and its rate")]
     eps: Annotated[float, field("combined error e_dot + lambda e")]
     tau: Annotated[float, field("demand of the law, NED")]
-    feedforward: Annotated[float, field("part of tau from model and reference")]
-    feedback: Annotated[float, field("part of tau from the error")]
+    feedforward: Annotated[float, field("parts of tau from model and reference, and from the error")]
+    feedback: Annotated[float, field("parts of tau from model and reference, and from the error")]
     d_hat: Annotated[float, field("part of tau that compensates the disturbance")]
     d_observer: Annotated[float, field("disturbance estimated by the observer")]
     weight_norm: Annotated[float, field("Euclidean norm of the learnt weights")]
     saturated: Annotated[bool, field("the thrusters cannot deliver tau")]
     adapting: Annotated[bool, field("the compensator learnt in this tick")]
     engaged: Annotated[bool, field("Holdfast controls this degree of freedom")]
-    model_gain: Annotated[
-        float, field("force per command over inertia, nominal: 1", "state.model.gain[i]")
+    model_gain: Annotated[float, field("force per command over inertia", "state.model.gain[i]")] = 1.0
+    model_gain_found: Annotated[
+        float, field("force per command over inertia", "state.model.found_gain[i]")
     ] = 1.0
-    model_gain_found: Annotated[float, field("as found", "state.model.found_gain[i]")] = 1.0
     model_gain_doubt: Annotated[
-        float, field("standard deviation of its log", "state.model.log_gain_doubt[i]")
+        float, field("force per command over inertia", "state.model.log_gain_doubt[i]")
     ] = 0.0
-    model_lag_s: Annotated[float, field("thruster lag in use", "state.model.lag_s[i]")] = 0.0
-    model_lag_found_s: Annotated[float, field("as found", "state.model.found_lag_s[i]")] = 0.0
-    model_lag_doubt_s: Annotated[float, field("its standard deviation", "state.model.lag_doubt_s[i]")] = 0.0
+    model_lag_s: Annotated[float, field("in use, found, its doubt", "state.model.lag_s[i]")] = 0.0
+    model_lag_found_s: Annotated[float, field("in use, found, its doubt", "state.model.found_lag_s[i]")] = 0.0
+    model_lag_doubt_s: Annotated[float, field("in use, found, its doubt", "state.model.lag_doubt_s[i]")] = 0.0
 
 
 class Command(Record, frozen=True, kw_only=True):
@@ -185,12 +186,10 @@ class Loop(Record, frozen=True, kw_only=True):
     depth_age_s: Annotated[float, field("since it last arrived", "state.ages.depth_s")]
     attitude_age_s: Annotated[float, field("since it last arrived", "state.ages.attitude_s")]
     position_age_s: Annotated[float, field("since it last arrived", "state.ages.position_s")]
-    telemetry_delay_s: Annotated[
-        float, field("from the vehicle's stamp to arrival", "state.delays.telemetry_s")
-    ]
-    telemetry_delay_known: Annotated[bool, field("the delay was measured", "state.delays.telemetry_known")]
+    telemetry_delay_s: Annotated[float, field("from the stamp to arrival", "state.delays.telemetry_s")]
+    telemetry_delay_known: Annotated[bool, field("it was measured", "state.delays.telemetry_known")]
     command_delay_s: Annotated[float, field("from sending to the motors", "state.delays.command_s")]
-    command_delay_known: Annotated[bool, field("the delay was measured", "state.delays.command_known")]
+    command_delay_known: Annotated[bool, field("it was measured", "state.delays.command_known")]
     hidden_delay_s: Annotated[float, field("delay visible in no stamp, estimated", "state.delays.hidden_s")]
     datagrams: Annotated[int, field("received", "counters.datagrams")]
     messages: Annotated[int, field("decoded MAVLink messages", "counters.messages")]
@@ -200,9 +199,7 @@ class Loop(Record, frozen=True, kw_only=True):
     pilot_age_s: Annotated[float, field("of the ground station's heartbeat", "state.ages.pilot_s")] = NEVER_S
     left_out_bytes: Annotated[int, field("bytes dropped in a flood")] = 0
     errors: Annotated[int, field("errors beside the tick; the log has them")] = 0
-    refused: Annotated[
-        int, field("frames with a wrong, missing or replayed signature", "counters.refused")
-    ] = 0
+    refused: Annotated[int, field("frames without a right, new signature", "counters.refused")] = 0
     version: Annotated[str, field("of Holdfast, with its commit", None)] = ""
 
 
