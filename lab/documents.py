@@ -84,7 +84,9 @@ def _configuration() -> Iterator[str]:
             values = " | ".join(
                 f"`{msgspec.json.encode(getattr(record, key)).decode()}`" for record in records
             )
-            allowed = "" if field.type in TOLD_BY_DEFAULT else f"; {_kind(field).removeprefix('integer, ')}"
+            words = field.type.split("`")[1::2]
+            told = field.type in TOLD_BY_DEFAULT or (words and all(word in field.what for word in words))
+            allowed = "" if told else f"; {_kind(field).removeprefix('integer, ')}"
             yield f"| `{key}` | {values} | {field.what}{allowed} |"
     yield "\nThe model of yaw is in rad, N·m and kg·m²:\n"
     yield from _table(YawModel)
