@@ -21,7 +21,6 @@ from companion.config import Config, load_config
 from companion.engine import Engine
 from companion.records import ControlSample, LoopHealth, Request, Setpoint, State
 from lab.loop.dive import engaging
-from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, Lockstep
 from lab.studies.promises import Promises, hold_telemetry
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -77,8 +76,7 @@ class CheckedEngine(Engine):
         self.to_vehicle: list[bytes] = []
         self.asleep_until_s = 0.0
         self.promises = Promises(config)
-        self._inbox: Inbox = []
-        self._requests: list[Request] = []
+        self._waiting: tuple[Inbox, list[Request]] = [], []
         self._sample: ControlSample | None = None
 
     def step(
@@ -90,16 +88,15 @@ class CheckedEngine(Engine):
         ground: Sequence[tuple[int, bytes]] = (),
     ) -> tuple[list[bytes], ControlSample]:
         """Advance one tick, unless asleep; raise PromiseBrokenError."""
-        t_s, inbox = now_s - START_S, list(datagrams)
+        t_s, spoilt = now_s - START_S, list(datagrams)
         for spoil in self.spoils:
-            inbox = spoil(t_s, inbox)
-        self._inbox += inbox
-        self._requests += requests
+            spoilt = spoil(t_s, spoilt)
+        inbox, asked = self._waiting[0] + spoilt, [*self._waiting[1], *requests]
+        self._waiting = inbox, asked
         if t_s < self.asleep_until_s and self._sample is not None:
             return [], self._sample
+        self._waiting = [], []
         others, self.to_vehicle = self.to_vehicle, []
-        inbox, self._inbox = self._inbox, []
-        asked, self._requests = self._requests, []
         out, self._sample = super().step(now_s, inbox, loop, asked, ground)
         self.promises.hold(t_s, out, self._sample, asked, steers=self.steering)
         hold_telemetry(self._sample)
@@ -149,23 +146,20 @@ class Diving:
         if state in (State.IDLE, State.READY):
             self.loop.requests.clear()
             self.run(2.5)
-            if state is State.READY:
-                self.fault("mode", 0.0 if stabilize else 19.0)
-                self.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
-                self.until(state)
-            return
-        self.until(State.ACTIVE)
-        self.run(2.0)
-        if state is State.RAMP_DOWN:
+        else:
+            self.until(State.ACTIVE)
+            self.run(2.0)
+        if state is State.READY:
+            self.fault("mode", 0.0 if stabilize else 19.0)
+            self.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+        elif state is State.RAMP_DOWN:
             self.loop.requests.append(Request.STOP)
         elif state is State.HAND_OVER:
             self.fault("leak")
         elif state is State.PILOT:
             self.fault("mode", 1.0)
-        elif state is State.FAULT and isinstance(self.loop.vehicle, Firmware):
-            self.fault("link_cut", seconds=1.5)
         elif state is State.FAULT:
-            self.fault("message_stopped", seconds=1.5, message="ATTITUDE")
+            self.fault("link_cut", seconds=1.5)
         self.until(state)
 
 
@@ -187,8 +181,6 @@ def prepared(variant: str, state: State, seed: int, firmware: Path | None = None
         diving.reach(state, stabilize="STABILIZE" in variant)
         yield diving
 
-
-# --- What breaks --------------------------------------------------------------------------------------------
 
 Begin = Callable[[Diving, Broken, np.random.Generator], None]
 

@@ -78,7 +78,6 @@ class Campaign(Study[CampaignCase]):
         return [case(number) for number in self._numbers]
 
     def groups(self, cases: Sequence[CampaignCase]) -> Sequence[Sequence[CampaignCase]]:
-        """Sort cases into batches of one frame each, the longest first."""
         parts: list[list[CampaignCase]] = []
         for six in (False, True):
             group = [one for one in cases if (one.vehicle == BLUEROV2) is six]
@@ -104,7 +103,6 @@ class Campaign(Study[CampaignCase]):
             yield {"outcome": _outcome(figures)} | figures
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return the outcomes, the envelope, and what did not hold inside it."""
         yield from super().tables(rows)
         yield "[bold]The envelope[/bold], inside which every dive must hold:"
         yield from (f"  · {line}" for line in ENVELOPE)
@@ -113,7 +111,6 @@ class Campaign(Study[CampaignCase]):
                 yield f"[red]{row['outcome']}[/red]: {case_of(row)}"
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return whether a dive inside the envelope did not hold."""
         return any(row["outcome"] != "held" and case_of(row).inside for row in rows)
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:

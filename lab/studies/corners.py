@@ -177,7 +177,6 @@ class Corners(Study[Cell]):
         return [dive(cell, self._config, self._base, FIRST_SEED) for cell in cases]
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return what was not held, and its longest limit cycle."""
         lines = []
         for row in (row for row in rows if not row["held"]):
             cycle_s, place = max((row[f"cycle_{place}_s"], place) for place in PLACES)
@@ -191,5 +190,4 @@ class Corners(Study[Cell]):
         }
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return whether a corner was not held."""
         return not all(row["held"] for row in rows)

@@ -90,7 +90,6 @@ class Dives(Study[BenchDive]):
         return [BenchDive(on, row, *case) for case in same for row in self.rows for on in self.vehicles]
 
     def dive(self, cases: Sequence[BenchDive]) -> Iterator[Row]:
-        """Return the figures of each dive; `held` unless the supervisor gave up."""
         for case in cases:
             firmware = self._firmware if case.vehicle == FIRMWARE else None
             scenario, link = four(case.seed)[SCENARIOS.index(case.scenario)], LINKS[case.delay_ms]
@@ -108,7 +107,6 @@ class Dives(Study[BenchDive]):
             yield name, self._titles[name], mine
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the table for docs/results.md: depth RMS at each delay, and less that of the default."""
         ours, lines = by_vehicle(rows, DEFAULT), []
         for name, title, mine in self.by_title(rows):
             cells = [
@@ -128,7 +126,6 @@ class Dives(Study[BenchDive]):
         return {"columns": columns, "rows": lines}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw every scenario: depth error and chatter of each competitor."""
         columns = {"depth_rms_mm": "depth error, RMS (mm)", "chatter_n": "command's change, RMS (N a tick)"}
         files = []
         for (scenario,), of_it in by(rows, "scenario").items():

@@ -167,7 +167,6 @@ class FaultDives(Study[FaultDive]):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the range of numbers."""
         add_count(parser, "--dives", 2000, "dives")
         add_count(parser, "--first", 0, "number of the first dive", least=0)
         add_out(parser, "out/faults")
@@ -181,14 +180,12 @@ class FaultDives(Study[FaultDive]):
         return [FaultDive(number) for number in self._numbers]
 
     def groups(self, cases: Sequence[FaultDive]) -> Sequence[Sequence[FaultDive]]:
-        """Put together what shares a vehicle and a state."""
         return [[*group] for _, group in groupby(cases, lambda faulty: faulty.number // TOGETHER)]
 
     def dive(self, cases: Sequence[FaultDive]) -> Iterator[Row]:
         return dive_group([faulty.number for faulty in cases], self._firmware)
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return what became of each kind of fault, and every promise that was not kept."""
         yield from super().tables(rows)
         states = Counter(row["state"] for row in rows)
         yield "Begun in " + ", ".join(f"{state} {count}" for state, count in states.most_common())
@@ -199,7 +196,6 @@ class FaultDives(Study[FaultDive]):
         yield f"{len(rows)} dives of {AFTER_S:g} s after the state was reached; {len(bad)} broke a promise."
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return what became of each kind of fault, alone or among others."""
         lines = []
         for kind in FAULTS:
             of_it = [row for row in rows if kind in row["kinds"]]
@@ -222,5 +218,4 @@ class FaultDives(Study[FaultDive]):
         return {"columns": columns, "rows": lines}
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return whether a promise was broken."""
         return any(row["broken"] for row in rows)

@@ -28,7 +28,6 @@ class Fidelity(Dives):
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        """Add the options of a bench; the firmware is needed."""
         super().options(parser)
         parser.set_defaults(firmware="")
 
@@ -37,11 +36,9 @@ class Fidelity(Dives):
         self.vehicles = (SIMULATOR, FIRMWARE)
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw nothing."""
         return ()
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return deviations with the firmware, in brackets with ours; † is a dive that was given up."""
         lines = [
             [title, *(_both(some) for some in by(mine, "scenario").values())]
             for _, title, mine in self.by_title(rows)

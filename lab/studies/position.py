@@ -77,7 +77,6 @@ class Courses(Study[CourseDive]):
         ]
 
     def dive(self, cases: Sequence[CourseDive]) -> Iterator[Row]:
-        """Dive courses; the first vehicle's way serves the picture."""
         for case in cases:
             course, more = COURSES[case.course], {"settings": self._settings, "firmware": self._firmware}
             dived = sail(case.row, course, self._base, case.seed, **more)  # type: ignore[arg-type]
@@ -89,7 +88,6 @@ class Courses(Study[CourseDive]):
             yield row
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the table for docs/results.md: the mean RMS of the place."""
         lines = [
             [ROWS[name].title]
             + [
@@ -102,11 +100,9 @@ class Courses(Study[CourseDive]):
         return {"columns": ["place RMS, mm", *self._courses], "rows": lines}
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return whether the supervisor gave up a dive."""
         return not all(row["held"] for row in rows)
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw the first vehicle of every course from above."""
         courses = by([row for row in rows if "trace" in row], "course")
         with mpl.rc_context(PRINTED):
             figure, panels = plt.subplots(1, len(courses), figsize=(3.3 * len(courses), 3.6), squeeze=False)

@@ -130,7 +130,6 @@ class Reality(Study[RealDive]):
             yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return a row for each preset and scenario: true errors from COUNTS_S on."""
         keys, lines = _measured(rows, FIGURES), []
         for (preset, water), some in by(rows, "preset", "water").items():
             over = sum(row["outcome"] == TURNED_OVER for row in some)
@@ -145,11 +144,9 @@ class Reality(Study[RealDive]):
         return {"columns": ["median/90 %/most", "held", *(FIGURES[key] for key in keys)], "rows": lines}
 
     def failed(self, rows: Sequence[Row]) -> bool:
-        """Return whether a vehicle was given up or turned over."""
         return _held(rows) < len(rows)
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Draw each figure's distribution, a line for each preset and scenario."""
         columns = {key: FIGURES[key] for key in _measured(rows, ("depth_sd_mm", "place_rms_mm", "tilt_deg"))}
         groups = {", ".join(key): some for key, some in by(rows, "preset", "water").items()}
         return [dots(folder / "reality.png", groups, columns, lost=lambda row: bool(row["outcome"] != HELD))]

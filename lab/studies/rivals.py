@@ -84,7 +84,6 @@ class Rivals(Study[RivalDive]):
             yield {key: float(values[i]) for key, values in figures.items()}
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
-        """Return the table for docs/results.md."""
         columns = (
             *("", "depth, mm", "depth less, %", "place, mm", "place less, %", "tilt, °"),
             *("chatter in depth, N", "chatter in place, N", "thrust, N"),

@@ -122,7 +122,6 @@ class Tune(Study[Search]):
         return load_config(self._file, [*self._settings, *fixed, *overrides])
 
     def tables(self, rows: Sequence[Row]) -> Iterator[RenderableType]:
-        """Return what was found, and the command that dives it."""
         columns = "row", "values", "scores, before and after", "evaluations"
         table = ruled("What the search found (score: mean RMS in mm, chatter priced in)", *columns, left=2)
         for row in rows:
@@ -133,7 +132,6 @@ class Tune(Study[Search]):
         yield next_step(self._result(self.journal(self._out).parent), () if self._own else [*self._rows])
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        """Write the configuration, or the values of the rows."""
         out = self._result(folder)
         if self._own:
             write_config(self._file, vehicle_of(self._config), rows[0]["values"], out)
