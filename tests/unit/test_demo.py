@@ -13,8 +13,7 @@ from rich.console import Console
 import holdfast
 from companion.records import Array, Z
 from lab.demo import demo
-from lab.demo.dives import NAMES, dive_alt_hold, dive_holdfast, figures, worth
-from lab.demo.picture import draw
+from lab.demo.dives import NAMES, dive_holdfast, figures, worth
 from lab.demo.story import Story
 from lab.loop.dive import Dive
 
@@ -74,13 +73,6 @@ def test_figures_are_those_of_the_dive(dive: Dive) -> None:
     assert result.chatter_n == pytest.approx(6.0)
 
 
-def test_a_phase_counts_alone(dive: Dive) -> None:
-    worse_m = np.where((dive.t_s >= 16.0) & (dive.t_s < 18.0), 0.1, 0.0)
-    result = figures(_deeper(dive, worse_m - dive.depth_error_m), PHASES)
-    assert result.phase_rms_mm == pytest.approx({"waves": 0.0, "load": 100.0})
-    assert result.depth_rms_mm == pytest.approx(100.0 * math.sqrt(0.25), rel=0.01)
-
-
 def test_a_shifted_zero_is_in_the_rms_and_not_about_the_mean(dive: Dive) -> None:
     shifted = _deeper(dive, np.full_like(dive.t_s, 0.03))
     plain, about_mean = (figures(shifted, PHASES, about_mean=about) for about in (False, True))
@@ -110,47 +102,10 @@ def test_the_path_goes_down_and_up_twice() -> None:
     assert changed == {12.0: 5.5, 16.0: 5.0, 20.0: 5.5, 24.0: 5.0}
 
 
-def test_all_dives_meet_the_same_water_and_load() -> None:
-    ticks: list[float] = []
-    law = dive_holdfast(SHORT, "none", None, ticks.append)
-    alt_hold = dive_alt_hold(SHORT, law, None, lambda _: None)
-    for dive in (law, alt_hold):
-        result = figures(dive, SHORT.phases)
-        assert all(0.0 < rms_mm < 300.0 for rms_mm in result.phase_rms_mm.values())
-        assert result.heading_rms_deg < 5.0
-    assert ticks == list(law.t_s)
-    assert law.reference[:, Z].max() == pytest.approx(SHORT.depth_m + SHORT.step_m, abs=0.25)
-    # ALT_HOLD is sent the path that Holdfast made of the steps: the same at the same time since arming.
-    asked_m = np.interp(law.t_s, alt_hold.t_s, alt_hold.reference[:, Z])
-    assert np.abs(asked_m - law.reference[:, Z]).max() < 0.05
-
-
 def test_a_vehicle_that_is_let_go_ends_the_demo_with_the_reason() -> None:
     storm = dataclasses.replace(SHORT, current_m_s=3.0, wave_height_m=4.0)
     with pytest.raises(ValueError, match="the controller let go of the vehicle: "):
         dive_holdfast(storm, "", None, lambda _: None)
-
-
-def test_the_picture_shows_everything_with_units(dive: Dive) -> None:
-    story = Story(waves_s=2.0, path_s=5.0, load_on_s=12.0, load_off_s=15.0, end_s=18.0)
-    result = figures(dive, story.phases)
-    results = {name: replace(result, depth_rms_mm=1.23 + i) for i, name in enumerate(NAMES)}
-    figure = draw(dict.fromkeys(results, dive), results, story, ["It helps.", "It harms."], "a toy")
-    depth, bars, error = figure.axes
-    assert [panel.get_ylabel() for panel in figure.axes] == [
-        "depth (m)",
-        "RMS (mm), logarithmic",
-        "true depth minus reference (mm)",
-    ]
-    for panel in (depth, error):
-        assert [text.get_text() for text in panel.texts] == [*story.phases]
-    assert figure.get_suptitle().strip() == (
-        "Depth error: ALT_HOLD 1 mm RMS, law 2.2, law + observer 3.2, Holdfast 4.2"
-    )
-    assert [text.get_text() for text in figure.texts if "It" in text.get_text()] == ["It helps.\nIt harms."]
-    assert "with a toy" in figure.get_supxlabel()
-    assert len({line.get_color() for line in error.get_lines()[:3]}) == 3
-    assert len(bars.containers) == len(NAMES)
 
 
 def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
