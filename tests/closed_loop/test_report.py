@@ -160,11 +160,6 @@ def test_warnings_stand_before_all_else_and_each_is_said_once(
         assert sum(words in line for line in said) == 1
 
 
-def test_a_good_dive_has_no_warning_but_the_autopilots(log: Log) -> None:
-    (warning,) = figures(log).warnings
-    assert warning.startswith("warning (autopilot): <b>leak</b>, at 0.5 s, 2 times until 45.0 s")
-
-
 def test_a_row_of_ticks_has_all_keys_of_the_same_moment(log: Log) -> None:
     columns = log.ticks()
     assert {len(column) for column in columns.values()} == {45 * 50}
@@ -214,31 +209,10 @@ def test_a_tick_that_was_lost_leaves_its_cells_empty(log: Log) -> None:
     assert error[701] == law["e"][701]
 
 
-def test_a_cut_file_is_reported_and_said_to_be_cut(dive: Path, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(dive.read_bytes()[: dive.stat().st_size // 2])
-    log = load([cut])
-    assert 15.0 < log.duration_s < 30.0
-    assert any("was cut" in note for note in log.notes)
-    assert figures(log).phases[0].ended == "the recording ended"
-
-
 def test_a_dive_that_never_engaged_is_a_page_too(tmp_path: Path, in_waves: list[Step]) -> None:
     path = written(tmp_path / "idle.mcap", in_waves[:50])
     assert main([str(path)]) == 0
     assert "it never engaged" in path.with_suffix(".html").read_text()
-
-
-@pytest.mark.parametrize(
-    ("option", "instead"), [("--table", "--json"), ("--foxglove", "opens the recording")]
-)
-def test_an_option_that_is_no_more_says_what_to_do(
-    option: str, instead: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["dive.mcap", option, "x.csv"])
-    assert f"{option} is no more: " in (said := capsys.readouterr().err)
-    assert instead in said
 
 
 def test_what_holds_no_dive_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,6 @@ import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-import holdfast
 from lab.ports import free_port
 from sim_bridge.app import MAX_CATCH_UP_STEPS
 from sim_bridge.zenoh_link import TruthSample
@@ -154,8 +153,3 @@ def test_physics_only_answers_the_frames_of_the_real_firmware_and_nothing_else()
                 reply = json.loads(firmware.recv(2000))
         assert reply["timestamp"] == pytest.approx(0.0025)
         assert reply["imu"]["accel_body"][2] == pytest.approx(-9.8, abs=0.2)
-
-
-def test_physics_only_refuses_endpoints_of_our_own_vehicle(capsys):
-    assert holdfast.main(["sim", "--physics-only", "--tcp", "127.0.0.1:5760"]) == 2
-    assert "--serial0" in capsys.readouterr().err

@@ -29,7 +29,6 @@ from companion.identify.model import DELAY, LAG, START, Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES
 from holdfast import RefusedError
-from holdfast.gate import bounded
 from lab import commands
 from lab.identify.command import held
 from lab.identify.readers import read
@@ -257,42 +256,6 @@ def test_one_that_is_cut_short_or_empty_says_so_in_one_line(name, share, tmp_pat
     assert str(path) in str(refused.value)
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_one_of_which_the_end_is_missing_gives_the_rest(name, tmp_path):
-    path = WRITERS[name](SHORT, tmp_path / name)
-    data = path.read_bytes()
-    path.write_bytes(data[: int(0.7 * len(data))])
-    assert 5.0 < read(path, FRAME).t_s[-1] < 16.0
-
-
-@pytest.mark.parametrize("name", WRITERS)
-def test_junk_in_the_middle_ends_in_words_and_prints_nothing(name, tmp_path, capfd):
-    path = WRITERS[name](SHORT, tmp_path / name)
-    data = bytearray(path.read_bytes())
-    rng = np.random.default_rng(4)
-    for at in rng.integers(200, len(data) - 50, 40).tolist():
-        data[at : at + 8] = rng.bytes(8)
-    path.write_bytes(data)
-    try:
-        log = bounded(read, [path], path, FRAME)
-    except ValueError:
-        return
-    finally:
-        assert capfd.readouterr() == ("", "")
-    assert np.isfinite(log.t_s).all()
-    assert not np.isinf(log.commands).any()
-
-
-@pytest.mark.parametrize(
-    "content", [b"\x00" * 500, b"PK\x03\x04 a foreign file", b"a,b,c\n1,2,3\n", b"t_s,surge\n0,1\n"]
-)
-def test_a_foreign_file_is_refused_in_words(content, tmp_path):
-    path = tmp_path / "what"
-    path.write_bytes(content)
-    with pytest.raises(NoDiveError):
-        read(path, FRAME)
-
-
 @pytest.mark.parametrize("writer", [write_tlog, write_dataflash, write_csv])
 def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
@@ -385,10 +348,3 @@ def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_pa
     assert commands.identify(["--test", str(log), "--vehicle", "heavy"]) == 0
     assert "windows" in (printed := capsys.readouterr().out)
     assert "measured: speed over ground, vertical speed, turn rate" in printed
-
-
-def test_help_of_the_logs_part_is_shown_though_no_file_is_named(capsys):
-    with pytest.raises(SystemExit) as ended:
-        commands.identify(["--from", "--help"])
-    assert ended.value.code == 0
-    assert "examples:" in capsys.readouterr().out

@@ -31,17 +31,6 @@ def test_a_slack_cable_hangs_in_a_bight_and_each_end_bears_its_part(weight):
     assert at_boat == pytest.approx((0, 0, 13.0 * weight), abs=1e-3)
 
 
-def test_without_a_current_both_ends_together_bear_the_weight():
-    at_vehicle, at_boat = hung((6.0, -3.0, 12.0), 60.0, length_m=20.0, weight_n_per_m=0.4)
-    assert [a + b for a, b in zip(at_vehicle, at_boat, strict=True)] == pytest.approx([0, 0, 8.0], abs=0.01)
-    assert at_vehicle[0] < -0.1
-
-
-def test_a_cable_that_floats_pulls_up_and_stays_below_the_surface():
-    at_vehicle, _ = hung((0.0, 0.0, 10.0), length_m=16.0, weight_n_per_m=-0.5)
-    assert at_vehicle[2] < -3.0
-
-
 def test_across_a_current_the_ends_of_a_straight_cable_bear_its_drag():
     """½ ρ d L c_n V², half at each end."""
     at_vehicle, at_boat = hung(

@@ -10,7 +10,7 @@ import pytest
 
 from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
-from sim_bridge.physics.json_physics import DrivenBody, Frame, Motion, Responder, parse, reply
+from sim_bridge.physics.json_physics import DrivenBody, Frame, Motion, Responder, reply
 from sim_bridge.physics.plant import GRAVITY, state_of
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
@@ -37,35 +37,6 @@ def motion(eta=(0.0,) * 6, nu=(0.0,) * 6, acceleration=(0.0, 0.0, 0.0)):
 def body(*overrides):
     config = load_config(HEAVY, ("current.enabled=false", *overrides))
     return DrivenBody(Physics(config, 1), config.battery.voltage_v)
-
-
-def test_frames_of_16_and_of_32_outputs_are_read():
-    pwm = tuple(range(1100, 1116))
-    assert parse(packet(7, 400, pwm)) == Frame(400, 7, pwm)
-    assert parse(packet(7, 400, pwm + pwm)) == Frame(400, 7, pwm + pwm)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"",
-        b"\x00" * 40,
-        packet()[:-1],
-        packet() + b"\0",
-        packet(rate_hz=0),
-        struct.pack("<HHI16H", 29569, 400, 0, *REST),
-    ],
-)
-def test_what_is_no_frame_is_counted_and_not_answered(data):
-    responder = Responder(lambda frame, dt_s: motion())
-    assert responder.answer(data, 0.0) is None
-    assert (responder.bad, responder.steps) == (1, 0)
-
-
-def test_at_rest_the_accelerometer_feels_gravity_upwards():
-    said = read(reply(0.0, motion()))
-    assert said["imu"]["accel_body"] == pytest.approx([0.0, 0.0, -9.80665])
-    assert said["imu"]["gyro"] == [0.0, 0.0, 0.0]
 
 
 def test_rolled_to_starboard_gravity_is_felt_to_port_and_pitched_up_to_the_bow():
@@ -158,9 +129,3 @@ def test_a_loads_time_counts_from_the_first_turn_of_a_motor():
     assert one.turned_s == pytest.approx(1.0, abs=0.003)
     assert on.index(True) / 400 == pytest.approx(2.0, abs=0.01)
     assert sum(on) / 400 == pytest.approx(1.0, abs=0.01)
-
-
-def test_a_slow_frame_rate_still_moves_the_firmwares_time():
-    """The firmware ignores steps of 0.1 s and more."""
-    responder = Responder(lambda frame, dt_s: motion())
-    assert read(responder.answer(packet(0, 1), 0.0))["timestamp"] < 0.1

@@ -11,7 +11,6 @@ from sim_bridge.physics.plant import (
     body_of,
     derivative,
     disturbance,
-    euler,
     rotation,
     state_of,
     step,
@@ -47,12 +46,6 @@ def test_terminal_velocity():
     w = fall(plant(), at(), 20.0, force=(0.0, 0.0, 20.0))[9]
     expected = (-LINEAR + math.sqrt(LINEAR**2 + 4 * QUADRATIC * 20.0)) / (2 * QUADRATIC)
     assert w == pytest.approx(expected, rel=1e-9)
-
-
-def test_velocity_under_linear_damping_decays_exponentially():
-    model = plant(quadratic_damping=STILL)
-    w = fall(model, at(nu=(0, 0, 0.5, 0, 0, 0)), 1.0)[9]
-    assert w == pytest.approx(0.5 * math.exp(-LINEAR / (MASS + ADDED)), rel=1e-5)
 
 
 def test_velocity_under_quadratic_damping_falls_as_a_hyperbola():
@@ -115,19 +108,6 @@ def test_a_floating_vehicle_bobs_with_the_period_of_its_waterplane():
     assert half[2] == pytest.approx(rest + 0.01, abs=1e-5)
 
 
-def test_roll_pendulum_swings_with_its_own_period():
-    model = plant(**UNDAMPED, centre_of_buoyancy_up_m=0.05)
-    period = 2 * math.pi * math.sqrt((0.26 + 0.189) / (0.05 * MASS * GRAVITY))
-    state, crossings, before = at((0, 0, 5, 0.02, 0, 0)), [], 0.02
-    for count in range(4000):
-        state, _ = step(model, state, STILL, (0, 0, 0), STILL, 0.005)
-        roll = euler(state)[0]
-        if before > 0 >= roll:
-            crossings.append(count * 0.005)
-        before = roll
-    assert np.diff(crossings).mean() == pytest.approx(period, rel=0.005)
-
-
 def test_energy_decays_with_damping_and_stays_without():
     def energy(model, state):
         nu = np.array(state[7:])
@@ -148,18 +128,6 @@ def test_water_that_accelerates_moves_a_neutral_body_with_it():
     # Froude-Krylov and added mass together: (B/g + Za) a = (m + Za) w'
     acceleration = derivative(plant(), at(), STILL, (0, 0, 0), (0, 0, 0, 0, 0, 0.4))[9]
     assert acceleration == pytest.approx(0.4)
-
-
-@pytest.mark.parametrize(
-    ("axis", "sign"), [(0, (1, 0, 0)), (1, (0, 1, 0)), (2, (0, 0, 1))], ids=["surge", "sway", "heave"]
-)
-def test_body_velocity_is_turned_into_ned(axis, sign):
-    nu = np.zeros(6)
-    nu[axis] = 1.0
-    rates = derivative(plant(), at(nu=nu), STILL, (0, 0, 0), STILL)[:3]
-    assert rates == pytest.approx(sign)
-    heading_east = derivative(plant(), at((0, 0, 5, 0, 0, math.pi / 2), nu), STILL, (0, 0, 0), STILL)[:3]
-    assert heading_east == pytest.approx((-sign[1], sign[0], sign[2]), abs=1e-12)
 
 
 def test_righting_moment_and_its_sign():
@@ -184,9 +152,3 @@ def test_disturbance_is_what_the_still_water_model_lacks():
     acceleration = derivative(model, state, (0, 0, Z, 0, 0, 0), force, flow)[9]
     lacking = (MASS + ADDED) * acceleration - Z + (LINEAR + QUADRATIC * 0.2) * 0.2
     assert disturbance(model, state, force, flow)[2] == pytest.approx(lacking)
-
-
-def test_disturbance_in_calm_water_is_minus_the_net_buoyancy():
-    assert disturbance(plant(net_buoyancy_n=2.3), at(), (0, 0, 0), STILL) == pytest.approx(
-        (0, 0, -2.3, 0, 0, 0)
-    )

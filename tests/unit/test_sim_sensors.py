@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from builders import STILL_SENSORS
-from msgspec.structs import replace
 from sim_wire import Station, vehicle
 
 from sim_bridge.config import Defects, DvlReports, Seabed, SensorConfig, Steel, Usbl
@@ -50,13 +49,6 @@ def test_outages_take_their_share_of_time():
         out.append(defective.out)
     assert np.mean(out) == pytest.approx(0.2 / 0.8, rel=0.1)
     assert 2000.0 / np.sum(np.diff(np.array(out, int)) > 0) == pytest.approx(0.8, rel=0.1)
-
-
-def test_readings_come_in_steps():
-    sensors = instruments(depth_defects=Defects(step=0.002), attitude_defects=Defects(step=0.01))
-    estimate = reading(sensors, z=3.0013)
-    assert estimate.depth_m == pytest.approx(3.002)
-    assert estimate.roll == 0.0
 
 
 def test_while_the_depth_is_out_it_stands_still_and_the_attitude_does_not():
@@ -130,13 +122,6 @@ def test_between_reports_the_ekf_carries_its_velocity_on_and_believes_them_as_th
     assert np.mean(squares) == pytest.approx(np.mean(believed), rel=0.15)
 
 
-@pytest.mark.parametrize("passed", [0.0, 1.0])
-def test_an_invalid_report_moves_the_position_only_where_somebody_passes_it_on(passed):
-    config = DvlReports(enabled=True, outages_per_min=(600.0, 600.0), long_share=0.0, invalid_passed=passed)
-    sensors = instruments(dvl=True, dvl_reports=replace(config, unaided_m_s=0.0))
-    assert (np.hypot(*reading(sensors, seconds=10.0).position[:2]) > 1e-3) == bool(passed)
-
-
 def test_fixes_bound_the_error_as_their_filter_says():
     """Steady state of a random walk in speed with fixes: P of the filter is the variance of the errors."""
     usbl = Usbl(enabled=True, period_s=1.0, sigma_m=0.4, missed=0.0)
@@ -151,14 +136,6 @@ def test_fixes_bound_the_error_as_their_filter_says():
         assert errors.aided
     assert np.mean(squares) == pytest.approx(np.mean(believed), rel=0.15)
     assert math.sqrt(np.mean(squares)) < 0.4
-
-
-def test_a_wrong_heading_bends_the_way_that_the_dvl_measures():
-    errors = PositionErrors(SensorConfig(dvl=True), 0.1, np.random.default_rng(1))
-    for _ in range(100):
-        errors.step((0.0, 0.05), locked=True)
-    assert errors.error == pytest.approx([0.0, 0.5])
-    assert errors.speed_error == [0.0, 0.05]
 
 
 @pytest.mark.parametrize(("seabed_m", "locked"), [(3.02, False), (10.0, True), (80.0, False), (None, True)])
@@ -190,15 +167,3 @@ def test_the_firmware_says_when_it_loses_the_position_and_has_it_again():
     assert station.run(1.0).of("LOCAL_POSITION_NED") == []
     fixed = Station(vehicle("sensors.usbl={enabled=true}", "initial.eta=[0,0,3,0,0,0]"))
     assert fixed.run(UNAIDED_S + 1.0).of("LOCAL_POSITION_NED")
-
-
-def test_the_same_seed_gives_the_same_defects():
-    def heard(seed):
-        rov = vehicle(
-            "sensors.depth_defects={walk_per_sqrt_s=0.01, jitter_s=0.02, outage_every_s=2, outage_s=0.5}",
-            seed=seed,
-        )
-        return [data for _ in range(400) for _, data in rov.step([(0, b"")])]
-
-    assert heard(3) == heard(3)
-    assert heard(3) != heard(4)

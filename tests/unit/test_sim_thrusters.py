@@ -8,7 +8,7 @@ import pytest
 from sim_wire import CONFIG, Station, override, vehicle
 
 from sim_bridge.config import load_config
-from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.firmware.mixer import mix
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.thrusters import (
     CURVE_N,
@@ -37,13 +37,6 @@ def steady(set_, pwm, voltage_v=16.0, health=HEALTHY):
     return np.array(static_thrust(set_, health, each_motor(pwm), voltage_v))
 
 
-@pytest.mark.parametrize(
-    ("pwm", "newtons"), [(1000, -39.9), (1100, -39.9), (1400, -4.7), (1500, 0), (1600, 5.9), (1900, 51.5)]
-)
-def test_static_curve_at_16_v(pwm, newtons):
-    assert steady(thrusters(), [pwm] * 8) == pytest.approx([newtons] * 8)
-
-
 def test_between_its_points_the_curve_is_straight():
     assert steady(thrusters(), [1650, 1329, 1544, 1890, 1101, 1699, 1301, 1500]) == pytest.approx(
         np.interp([150, -171, 44, 390, -399, 199, -199, 0], CURVE_US, CURVE_N)
@@ -63,11 +56,6 @@ def test_lag_is_first_order():
     for _ in range(30):
         thrust = lagged(thrust, target, follow_of(0.15, 0.005))
     assert thrust == pytest.approx(np.array(target) * (1 - math.exp(-1)))
-
-
-def test_without_lag_it_pushes_at_once():
-    target = tuple(steady(thrusters(), [1700] * 8))
-    assert lagged(NO_THRUST, target, follow_of(0.0, 0.005)) == target
 
 
 def turned_on(start_s, delay_s=0.0, pwm=(1600,), each_s=0.5):
@@ -100,42 +88,10 @@ def test_a_motor_at_rest_and_one_that_reverses_start_late_and_stop_at_once():
     assert less == pytest.approx(5.9)
 
 
-def test_a_motor_that_is_asked_to_and_fro_too_soon_stands_still():
-    assert not turned_on(0.16, pwm=(1600, 1400) * 4, each_s=0.15).any()
-
-
 def test_a_command_reaches_the_motors_late():
     thrust = turned_on(0.0, delay_s=0.1, pwm=(1600, 1500))
     assert since_s(thrust, 5.9) == pytest.approx(0.105)
     assert np.flatnonzero(thrust)[-1] == pytest.approx(np.flatnonzero(thrust)[0] + 99)
-
-
-def test_quadratic_curve_is_symmetric_with_a_dead_band_of_its_own():
-    set_ = thrusters("vectored_6dof", "thrusters.curve='quadratic'", "thrusters.dead_band_us=25.0")
-    thrust = steady(set_, [1900, 1100, 1700, 1300, 1525, 1475, 1526, 1474])
-    edge = 51.5 * (26 / 400) ** 2
-    assert thrust == pytest.approx([51.5, -51.5, 51.5 / 4, -51.5 / 4, 0.0, 0.0, edge, -edge])
-
-
-def test_the_vehicle_of_the_firmware_s_simulator_has_its_accelerations():
-    """docs/ardusub.md: its horizontal thrusters add up without √½, and its yaw lever is 0.25 m."""
-    set_ = thrusters_of(load_config(CONFIG.with_name("sim-ardusub.toml")).thrusters)
-    full_n = 51.5
-
-    def pushed(*demand):
-        return wrench(set_, steady(set_, motor_pwm(mix("vectored_6dof", demand), [1] * 8)))
-
-    assert pushed(0, 0, 0, 0, 1, 0)[0] == pytest.approx(4 * full_n, rel=1e-3)
-    assert pushed(0, 0, 0, 0, 0, 1)[1] == pytest.approx(4 * full_n, rel=1e-3)
-    assert pushed(0, 0, 0, -1, 0, 0)[2] == pytest.approx(4 * full_n, rel=1e-3)
-    assert pushed(0, 0, 1, 0, 0, 0)[5] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
-    assert pushed(1, 0, 0, 0, 0, 0)[3] == pytest.approx(4 * full_n * 0.25, rel=1e-3)
-
-
-def test_dead_thruster_gives_nothing_and_gain_scales():
-    set_ = thrusters("vectored_6dof", "thrusters.gain=[1.1, 1, 1, 1, 1, 1, 1, 1]")
-    thrust = steady(set_, [1900] * 8, health=(1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0))
-    assert thrust[:4] == pytest.approx([51.5 * 1.1, 51.5, 0.0, 51.5])
 
 
 @pytest.mark.parametrize("frame", CONFIGS)
@@ -208,12 +164,6 @@ def test_each_axis_pushes_its_own_way(frame, demand, entry, sign):
     assert np.abs(others).max() < 1e-12
 
 
-def test_pitch_of_six_dof_frame_pushes_the_nose_up():
-    wrench = wrench_of("vectored_6dof", (0, 0.3, 0, 0, 0, 0))
-    assert wrench[4] > 0.02
-    assert np.abs(np.delete(wrench, 4)).max() < 1e-12
-
-
 def test_six_dof_groups_share_saturation_by_their_own_largest():
     outputs = np.array(mix("vectored_6dof", (1, 1, 0.25, 1, 0, 0.5)))
     assert outputs[4:] == pytest.approx(np.array([-1.0, -3.0, 1.0, -1.0]) / 3.0)
@@ -226,7 +176,3 @@ def test_vectored_clips_each_motor_and_heave_takes_surge_from_the_rear_pair():
     assert outputs[:4] == pytest.approx([-0.8, -0.8, 0.0, 0.0])
     backwards = mix("vectored", (0, 0, 0, 1.0, -0.8, 0))
     assert backwards[:4] == pytest.approx([0.0, 0.0, -0.8, -0.8])
-
-
-def test_motor_pwm_is_linear_and_obeys_direction():
-    assert motor_pwm([1.0, -1.0, 0.5, 0.0], [1, 1, -1, -1]) == [1900, 1100, 1300, 1500]
