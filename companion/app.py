@@ -43,14 +43,14 @@ from holdfast import own_version, version
 if TYPE_CHECKING:
     from companion.identify.manoeuvre import Manoeuvre  # no part of `holdfast run`
 
-SHUTDOWN_REPEATS = 5
-STATUS_PERIOD_S = 5.0
+SHUTDOWN_REPEATS = 5  # on a link that loses one in five all are lost once in 3000
+STATUS_PERIOD_S = 5.0  # of the log
 SETTLED_S = 1.0
 """Words that change within a state are said once they have stayed for so long."""
-PLAN_PERIOD_S = 5.0
-WATCHDOG_PERIOD_S = 0.5
-NAME_PATIENCE_S = 3.0
-RIDE_OUT_TICKS = 5
+PLAN_PERIOD_S = 5.0  # for who came late
+WATCHDOG_PERIOD_S = 0.5  # a quarter of WatchdogSec in systemd/holdfast.service
+NAME_PATIENCE_S = 3.0  # joining takes 1 s, asking 1 s
+RIDE_OUT_TICKS = 5  # 0.1 s at 50 Hz
 TICK_PATIENCE_S = 1.0
 """Without a tick for so long the process ends."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import asdict
 
 from companion import registry
-from companion.config import Axis, Config, ConfigError
+from companion.config import AxisSection, Config, ConfigError
 from companion.core import allocation, oscillation, reference
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
@@ -71,7 +71,7 @@ def levelling(config: Config) -> tuple[Levelling, Levelling]:
     return roll, pitch
 
 
-def munk_m(config: Config, along: Axis) -> float:
+def munk_m(config: Config, along: AxisSection) -> float:
     """Return the Munk moment that a push along a horizontal axis makes, per newton and radian of tilt, m."""
     unequal = max(config.heave.mass - along.mass, 0.0)
     return unequal / along.quadratic_damping if along.quadratic_damping else 0.0
@@ -85,7 +85,7 @@ def tilt_limit(config: Config) -> TiltLimit:
     return TiltLimit(UNLEVELLED_N, most_n, UNLEVELLED_ALARM_RAD, SLOW_N_PER_S)
 
 
-def gains(config: Config, axis: Axis) -> Gains:
+def gains(config: Config, axis: AxisSection) -> Gains:
     """Return λ and κ of an axis, and the delays that they and d̂ tolerate."""
     d_hat_tolerated_s = D_HAT_TOLERATED_S + config.thrusters.lag_s
     return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_hat_tolerated_s)
@@ -210,12 +210,12 @@ def axis_control(config: Config, number: int) -> AxisControl:
     )
 
 
-def by_observer(axis: Axis) -> bool:
+def by_observer(axis: AxisSection) -> bool:
     """Return whether the observer's d is fed back on an axis."""
     return OBSERVER in axis.compensator.split("+")
 
 
-def compensator(config: Config, axis: Axis) -> tuple[ChosenCompensator, float]:
+def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, float]:
     """Return what learns on an axis, and the gain by which it integrates −ε near rest."""
     known = registry.compensators(config.compensators)
     name = registry.learner(axis.compensator, known)
@@ -231,7 +231,7 @@ def compensator(config: Config, axis: Axis) -> tuple[ChosenCompensator, float]:
     return chosen, functions.integral_gain(parameters)
 
 
-def law(config: Config, axis: Axis) -> ChosenLaw:
+def law(config: Config, axis: AxisSection) -> ChosenLaw:
     """Return the law of an axis."""
     functions = registry.laws(config.laws)[axis.law]
     shared = {"lag_s": config.thrusters.lag_s, "lead_s": config.thrusters.lead_s}

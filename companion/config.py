@@ -83,7 +83,7 @@ class FrameModel(Section, frozen=True):
     ] = 0.0
 
 
-class Vehicle(FrameModel, frozen=True):
+class VehicleSection(FrameModel, frozen=True):
     """Who is steered, and by which messages."""
 
     name: Annotated[Name, means("in the Zenoh keys: holdfast/{name}/...")] = "bluerov2"
@@ -167,7 +167,7 @@ class YawModel(AxisModel, frozen=True):
     max_force: Moment = 12.0
 
 
-class Axis(AxisModel, frozen=True):
+class AxisSection(AxisModel, frozen=True):
     """One axis: its nominal model, how stiffly it is held and who compensates. Defaults are those of surge.
 
     Noises are standard deviations of one sample.
@@ -198,7 +198,7 @@ class Axis(AxisModel, frozen=True):
     sensor_delay_s: Annotated[Delay, means("age of a sample when the autopilot sends it")] = 0.03
 
 
-class YawAxis(YawModel, Axis, frozen=True):
+class YawSection(YawModel, AxisSection, frozen=True):
     """The yaw axis."""
 
 
@@ -217,7 +217,7 @@ class ThrusterLag(Section, frozen=True):
         return self.lag_s + self.start_s
 
 
-class Thrusters(ThrusterLag, frozen=True):
+class ThrusterSection(ThrusterLag, frozen=True):
     """What is believed of the thrusters, and what is sent to them."""
 
     lead_s: Annotated[float, within(0.0, 0.3, "prediction beyond the delays, against the lag")] = 0.012
@@ -241,7 +241,7 @@ class TiltModel(Section, frozen=True):
     ] = 0.48
 
 
-class Levelling(TiltModel, frozen=True):
+class LevellingSection(TiltModel, frozen=True):
     """How roll and pitch are held level in MANUAL; the frame with six thrusters has only roll."""
 
     frequency_radps: Annotated[float, within(0.2, 20.0, "bandwidth; less where delays exceed 36 ms")] = 5.0
@@ -267,7 +267,7 @@ class Network(Section, frozen=True):
     start_delay_s: Annotated[Patience, means("learning starts this long after engaging")] = 2.0
 
 
-class Delays(Section, frozen=True):
+class DelaySection(Section, frozen=True):
     """What the loop's delays are taken for until they have been measured (TIMESYNC, SERVO_OUTPUT_RAW)."""
 
     telemetry_s: Annotated[Delay, means("of telemetry")] = 0.010
@@ -331,7 +331,7 @@ class FenceSection(Section, frozen=True):
     depth_m: Annotated[tuple[ranges.Depth, ranges.Depth], means("below the surface")] = (0.5, 50.0)
 
 
-class Telemetry(Section, frozen=True):
+class TelemetrySection(Section, frozen=True):
     """Where the controller's state is published, whether the raw ticks are, and who may command."""
 
     mode: Annotated[
@@ -354,18 +354,18 @@ class Telemetry(Section, frozen=True):
 class Config(Section, frozen=True):
     """The whole file, with the vehicle's. The default vehicle is that of `config/vehicles/heavy.toml`."""
 
-    vehicle: Vehicle = Vehicle()
+    vehicle: VehicleSection = VehicleSection()
     link: LinkSection = LinkSection()
     ground_station: GroundStation = GroundStation()
     loop: LoopSection = LoopSection()
-    delays: Delays = Delays()
-    thrusters: Thrusters = Thrusters()
-    levelling: Levelling = Levelling()
-    surge: Axis = Axis(kappa_per_s=8.0)
-    sway: Axis = Axis(
+    delays: DelaySection = DelaySection()
+    thrusters: ThrusterSection = ThrusterSection()
+    levelling: LevellingSection = LevellingSection()
+    surge: AxisSection = AxisSection(kappa_per_s=8.0)
+    sway: AxisSection = AxisSection(
         mass=18.0, linear_damping=6.0, quadratic_damping=130.0, kappa_per_s=8.0, max_disturbance=70.0
     )
-    heave: Axis = Axis(
+    heave: AxisSection = AxisSection(
         mass=28.5,
         linear_damping=19.0,
         quadratic_damping=113.0,
@@ -384,7 +384,7 @@ class Config(Section, frozen=True):
         disturbance_noise=4.9,
         sensor_delay_s=0.012,
     )
-    yaw: YawAxis = YawAxis(
+    yaw: YawSection = YawSection(
         max_rate=0.8,
         max_acceleration=0.8,
         learning_rate=0.9,
@@ -399,13 +399,13 @@ class Config(Section, frozen=True):
     network: Network = Network()
     supervisor: SupervisorLimits = SupervisorLimits()
     fence: FenceSection = FenceSection()
-    telemetry: Telemetry = Telemetry()
+    telemetry: TelemetrySection = TelemetrySection()
     compensators: dict[str, dict[str, Any]] = {}
     laws: dict[str, dict[str, Any]] = {}
     """Parameters of compensators and laws beyond the shipped ones, by their names."""
 
     @property
-    def axes(self) -> tuple[Axis, Axis, Axis, Axis]:
+    def axes(self) -> tuple[AxisSection, AxisSection, AxisSection, AxisSection]:
         """Surge, sway, heave, yaw."""
         return (self.surge, self.sway, self.heave, self.yaw)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from companion.config import Axis, Config, Section, YawModel
+from companion.config import AxisSection, Config, Section, YawModel
 from companion.records import AXES
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS
@@ -120,7 +120,7 @@ def _telemetry() -> Iterator[str]:
         if not command.__struct_fields__:
             continue
         yield f"\n### {name}\n\n{_words(command)}"
-        of_axis = [key for key in fields_of(command) if key in fields_of(Axis)]
+        of_axis = [key for key in fields_of(command) if key in fields_of(AxisSection)]
         if len(of_axis) > 1:
             yield f"It takes `{'`, `'.join(of_axis)}` of the [configuration](configuration.md)."
         yield ""

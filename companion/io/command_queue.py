@@ -49,12 +49,12 @@ REQUESTS: dict[type[Payload], Request] = {
     commands.ClearFault: Request.CLEAR_FAULT,
     commands.ResetModel: Request.RESET_MODEL,
 }
-MAX_WAITING = 8
+MAX_WAITING = 8  # a pilot presses fewer within a tick
 COST = 16
 """Steps between two looks at the clock and the sockets: a third of a millisecond."""
 
 DEFAULTS = Config()
-SETTLE_S = 2.0
+SETTLE_S = 2.0  # beyond the ramp: heartbeat and reply
 MAX_STEP = 2.0
 """One command may make a value this many times larger or smaller; for more it has to be confirmed."""
 

@@ -27,9 +27,9 @@ PEER_SILENT_NS = 2_500_000_000
 """Longest silence of a peer: of a ground station that sends heartbeats alone, two may be lost."""
 PEER_LOOK_NS = 100_000_000
 """The sender of a peer's datagrams is checked once in this time."""
-RECONNECT_S = (0.25, 4.0)
-HELLO_NS = 200_000_000
-MAX_DATAGRAM = 65507
+RECONNECT_S = (0.25, 4.0)  # first and longest wait
+HELLO_NS = 200_000_000  # at most 5 heartbeats a second to a stranger
+MAX_DATAGRAM = 65507  # of UDP over IPv4
 MOST_READ = 256
 """Pieces that are read at once: what waits behind them may be a flood."""
 MAX_UNSENT_BYTES = 1 << 16

@@ -28,7 +28,7 @@ LEAVE_ALONE: Final = 0xFFFF
 STICK: Final = 1000
 STICK_NEUTRAL_Z: Final = 500
 INT16_MAX: Final = 0x7FFF
-MAX_GAIN: Final = 10.0
+MAX_GAIN: Final = 10.0  # JS_GAIN_MAX is 1, JS_THR_GAIN at most 4
 MAX_SPEED_MPS: Final = 20.0
 MAX_DISTANCE_M: Final = 1e5
 """A speed or a place beyond these is neither measured nor asked for."""

@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
 from companion.mavlink.encode import MARKS, clock_mark
-from companion.mavlink.frames import MARKER, SIGNED, Frame, Splitter, leading_frames
-from companion.mavlink.heard import OLD, OTHER_KEY, UNSIGNED, Heard
+from companion.mavlink.frames import MARKER, SIGNED, Splitter, WireFrame, leading_frames
+from companion.mavlink.heard import OLD, OTHER_KEY, UNSIGNED, Overheard
 from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, pack
 from companion.mavlink.signing import Signing
 from companion.records import LinkCounters, Sender
@@ -107,7 +107,7 @@ class Codec:
         counters: LinkCounters | None = None,
         signing: Signing | None = None,
     ) -> None:
-        self.heard = Heard(link)
+        self.heard = Overheard(link)
         """What arrives of others, where the heartbeat does not come."""
         self.counters = counters or LinkCounters()
         self.sent = Sent()
@@ -115,7 +115,7 @@ class Codec:
         self._target = (link.vehicle_system, link.vehicle_component)
         self.ours = frozenset({self._source, (link.vehicle_system, link.component)})
         self.encode = Packer(*self._source, signing, self.sent).encode
-        self.others: list[Frame] = []
+        self.others: list[WireFrame] = []
         """What another Holdfast with our ids said, or was answered, in the last datagram."""
         self._signing = signing
         self._mark = clock_mark(*self._source)
@@ -163,12 +163,12 @@ class Codec:
             self.heard.junk(data)
         return found
 
-    def _refuse(self, frame: Frame, piece: bytes) -> None:
+    def _refuse(self, frame: WireFrame, piece: bytes) -> None:
         self.counters.refused += 1
         old = self._signing is not None and self._signing.sender(piece) is Sender.BEHIND
         self.heard.frame(frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
 
-    def is_others(self, t_s: float, frame: Frame, piece: bytes) -> bool:
+    def is_others(self, t_s: float, frame: WireFrame, piece: bytes) -> bool:
         """Tell whether a frame is another Holdfast's with our ids, or the vehicle's answer to one.
 
         Our own frames come back from some routers. Others pass no frame on to where the same ids are; the
@@ -183,14 +183,14 @@ class Codec:
             return False
         return self.sent.answers_another(frame.message(), self._mark, t_s)
 
-    def _is_for_us(self, frame: Frame) -> bool:
+    def _is_for_us(self, frame: WireFrame) -> bool:
         """Tell whether a frame of another sender is steering, or a ground station's command to us."""
         if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != self._source[0]:
             return frame.id in STEERING
         message = frame.message()
         return (message.target_system, message.target_component) == (self._target[0], self._source[1])
 
-    def _open(self, frame: Frame, piece: bytes, messages: list[Message]) -> None:
+    def _open(self, frame: WireFrame, piece: bytes, messages: list[Message]) -> None:
         """Append the frame's message if it is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target

@@ -23,7 +23,7 @@ from companion.mavlink.ardusub import (
     STICK_NEUTRAL_Z,
     DepthSource,
 )
-from companion.mavlink.messages import Message
+from companion.mavlink.messages import CHUNK_CHARS, Message
 from companion.mavlink.pilot import override_deflection, pilot_commands
 from companion.records import Event, LinkCounters
 from companion.telemetry.schemas import printable
@@ -58,7 +58,6 @@ EKF_PLACE: Final = mavlink.EKF_POS_HORIZ_REL | mavlink.EKF_POS_HORIZ_ABS
 LEAK_TEXT: Final = "leak detected"
 """ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
-CHUNK_CHARS: Final = 50
 MAX_CHUNKS: Final = 8
 
 

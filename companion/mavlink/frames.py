@@ -19,7 +19,7 @@ SIGNED: Final = 0x01
 V1_HEADER_BYTES: Final = 6
 HEADER_BYTES: Final = 10
 SIGNATURE_BYTES: Final = 13
-PARTIAL_TIMEOUT_S: Final = 0.2
+PARTIAL_TIMEOUT_S: Final = 0.2  # 280 bytes at 57600 baud take 0.05 s
 MAX_FRAMES_LOOKED_AT: Final = 32
 """Of a datagram, before it is known whose it is."""
 
@@ -29,7 +29,7 @@ HEADERS_OF_BOTH: Final = re.compile(rb"\xfe|" + HEADERS.pattern, re.DOTALL)
 """Where a frame of MAVLink 1 or 2 may begin."""
 
 
-class Frame(msgspec.Struct, frozen=True, gc=False):
+class WireFrame(msgspec.Struct, frozen=True, gc=False):
     """A whole frame with a good checksum, of an id that the dialect knows."""
 
     version: int
@@ -43,7 +43,7 @@ class Frame(msgspec.Struct, frozen=True, gc=False):
         return unpack(self.id, self.payload)
 
 
-def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
+def frame_at(data: bytes, at: int) -> tuple[int, WireFrame | None]:
     """Return the size that a frame at `at` claims, 0 if it is none, and the frame if whole and sound."""
     remaining = len(data) - at
     if data[at] == MARKER:
@@ -72,10 +72,10 @@ def frame_at(data: bytes, at: int) -> tuple[int, Frame | None]:
     end = start + data[at + 1]
     if checksum(data[at + 1 : end], message_id) != data[end] | data[end + 1] << 8:
         return 0, None
-    return size, Frame(version, system, component, message_id, data[start:end])
+    return size, WireFrame(version, system, component, message_id, data[start:end])
 
 
-def leading_frames(data: bytes) -> Iterator[tuple[Frame, bytes]]:
+def leading_frames(data: bytes) -> Iterator[tuple[WireFrame, bytes]]:
     """Give the sound frames with which `data` begins, and their bytes, MAX_FRAMES_LOOKED_AT at most."""
     at = 0
     for _ in range(MAX_FRAMES_LOOKED_AT):
@@ -101,12 +101,12 @@ class Splitter:
         self._since_s = 0.0
         self.rest = b""
 
-    def cut(self, t_s: float, data: bytes) -> list[tuple[Frame | None, bytes]]:
+    def cut(self, t_s: float, data: bytes) -> list[tuple[WireFrame | None, bytes]]:
         """Return the pieces in order, each with its frame; together with `rest` they are all that came."""
         old = len(self.rest)
         data = self.rest + data
         self.rest = b""
-        pieces: list[tuple[Frame | None, bytes]] = []
+        pieces: list[tuple[WireFrame | None, bytes]] = []
         at, end = 0, len(data)
         while at < end:
             size, frame = frame_at(data, at) if data[at] in self._markers else (0, None)

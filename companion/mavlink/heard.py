@@ -8,7 +8,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
-from companion.mavlink.frames import V1_MARKER, Frame, frame_at
+from companion.mavlink.frames import V1_MARKER, WireFrame, frame_at
 
 LATELY_S: Final = 3.0
 """Longer than heartbeats are apart, sooner over than LINK_LOST waits for them: a cut link says so at once."""
@@ -36,7 +36,7 @@ WORDS: Final = {
 """By what arrives, the most telling first: what is said of it, and what helps."""
 
 
-class Heard:
+class Overheard:
     """Takes what the link cannot use. `now_s` is the time of the last tick."""
 
     def __init__(self, link: LinkSection) -> None:
@@ -49,7 +49,7 @@ class Heard:
         self.vehicle_signs = False
         """Whether the vehicle's last heartbeat was signed."""
 
-    def frame(self, frame: Frame, kind: int = FRAMES) -> None:
+    def frame(self, frame: WireFrame, kind: int = FRAMES) -> None:
         """Note a sound frame; `kind` tells what is wrong with its signature."""
         system, component = frame.system, frame.component
         if frame.version == 1:

@@ -10,22 +10,22 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import DIRECTIONS, QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
-from companion.mavlink.streams import Streams
+from companion.mavlink.streams import StreamRates
 from companion.records import Event, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
-HEARTBEAT_S: Final = 1.0
-TIMESYNC_S: Final = 0.25
-VERSION_S: Final = 5.0
-ORIGIN_S: Final = 2.0
-PARAMETER_S: Final = 0.1
+HEARTBEAT_S: Final = 1.0  # MAVLink's rate of heartbeats
+TIMESYNC_S: Final = 0.25  # a delay that changes is followed within seconds
+VERSION_S: Final = 5.0  # for people alone
+ORIGIN_S: Final = 2.0  # it is not told when it is set before we came
+PARAMETER_S: Final = 0.1  # all in 3 s, with little beside the streams
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 """A parameter that was not answered is requested again at growing intervals: a firmware may not have it."""
 
-CONFIRM_AGAIN_S: Final = 0.5
-VOLATILE_S: Final = 10.0
-COMMAND_S: Final = 1.0
-CONTACT_S: Final = 5.0
+CONFIRM_AGAIN_S: Final = 0.5  # engaging waits for it
+VOLATILE_S: Final = 10.0  # as the streams are asked for
+COMMAND_S: Final = 1.0  # the heartbeat confirms once a second
+CONTACT_S: Final = 5.0  # longer than supervisor.heartbeat_timeout_s
 
 RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
 """Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""
@@ -65,7 +65,7 @@ class LinkMaintenance:
 
     def __init__(self, commands: Commands, rates_hz: Mapping[int, float]) -> None:
         self._commands = commands
-        self.streams = Streams(rates_hz)
+        self.streams = StreamRates(rates_hz)
         self._parameters: dict[str, float] = {}
         self.parameters: Mapping[str, float] = MappingProxyType(self._parameters)
         """What was answered of PARAMETERS since first contact or the last reboot, by today's names."""

@@ -15,6 +15,7 @@ Message: TypeAlias = Any
 """A record of one of the types that `message_type` gives; `MESSAGE_ID` says which."""
 
 CHECKSUM_BYTES: Final = 2
+CHUNK_CHARS: Final = 50  # of a STATUSTEXT
 
 
 class _Format(NamedTuple):

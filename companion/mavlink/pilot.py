@@ -21,7 +21,7 @@ from companion.mavlink.ardusub import (
     clip,
     from_stick,
 )
-from companion.mavlink.frames import Frame
+from companion.mavlink.frames import WireFrame
 from companion.mavlink.messages import Message
 from companion.records import Angles, AxisCommand, Event, GlobalOrigin, PilotAction, Vector
 from companion.telemetry.degrees import metres
@@ -29,7 +29,7 @@ from companion.telemetry.degrees import metres
 ACTIONS: Final = frozenset(map(float, PilotAction))
 
 
-def pilot_events(frame: Frame, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
+def pilot_events(frame: WireFrame, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
     """Convert one of the pilot's frames, by EVENTS; `origin` is the EKF's. Never raises for any bytes."""
     if frame.id in EVENTS:
         yield from EVENTS[frame.id](frame.message(), t_s, origin)

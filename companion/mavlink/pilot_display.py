@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.messages import Message, message_type
+from companion.mavlink.messages import CHUNK_CHARS, Message, message_type
 from companion.records import (
     Condition,
     ControlSample,
@@ -36,15 +36,14 @@ SEVERITIES: Final = {
     "fault": mavlink.MAV_SEVERITY_CRITICAL,
 }
 STATE_SEVERITIES: Final = {**SEVERITIES, "info": mavlink.MAV_SEVERITY_NOTICE}
-CHUNK: Final = 50
-MAX_BYTES: Final = 6 * CHUNK - 1
+MAX_BYTES: Final = 6 * CHUNK_CHARS - 1
 MOST, MOST_S = 8, 10.0
 """Of texts, within so many seconds."""
 REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
 """The same words come again after this long at the earliest, by kind of event."""
 AWAY_S: Final = 5.0
 """A ground station that was silent for so long is told the state again."""
-VALUES_S: Final = 0.5
+VALUES_S: Final = 0.5  # ArduSub's own rate of NAMED_VALUE_FLOAT
 REMEDIES: Final = {condition.text: condition.remedy for condition in Condition}
 
 
@@ -173,13 +172,15 @@ class PilotDisplay:
         raw = words.replace("°", " deg").encode("ascii", "replace")
         if len(raw) > MAX_BYTES:
             raw = raw[: MAX_BYTES - 3] + b"..."
-        if len(raw) <= CHUNK:
+        if len(raw) <= CHUNK_CHARS:
             return [STATUSTEXT(severity=severity, text=raw.decode())]
-        raw += b" " * (len(raw) % CHUNK == 0)
+        raw += b" " * (len(raw) % CHUNK_CHARS == 0)
         self._text_id = self._text_id % 0xFFFF + 1
         return [
-            STATUSTEXT(severity=severity, text=raw[at : at + CHUNK].decode(), id=self._text_id, chunk_seq=n)
-            for n, at in enumerate(range(0, len(raw), CHUNK))
+            STATUSTEXT(
+                severity=severity, text=raw[at : at + CHUNK_CHARS].decode(), id=self._text_id, chunk_seq=n
+            )
+            for n, at in enumerate(range(0, len(raw), CHUNK_CHARS))
         ]
 
     def last_words(self, words: str) -> list[Message]:

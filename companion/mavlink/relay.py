@@ -16,13 +16,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import NS_PER_S
-from companion.mavlink.frames import HEADERS_OF_BOTH, Frame, Splitter, leading_frames
+from companion.mavlink.frames import HEADERS_OF_BOTH, Splitter, WireFrame, leading_frames
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS
 from companion.mavlink.pilot import TARGETS, override_deflection
 from companion.mavlink.signing import Signing
 from companion.records import Sender
 
-MAX_DATAGRAM: Final = 1400
+MAX_DATAGRAM: Final = 1400  # below Ethernet's 1500
 MAX_LOOKS_A_TICK: Final = 2 * MAX_LOOKS
 """More beginnings of frames either way in one tick, or more than MAX_BYTES, are a flood, and dropped."""
 
@@ -113,7 +113,7 @@ class Relay:
                 return self._signing.sender(piece) if frame.version == 2 else Sender.STRANGER
         return Sender.STRANGER
 
-    def _withholds(self, t_ns: int, frame: Frame, data: bytes) -> bool:
+    def _withholds(self, t_ns: int, frame: WireFrame, data: bytes) -> bool:
         """Keep the pilot's heartbeat, steering and commands for the engine; tell if it alone gets it."""
         steering, commands = self._is_steering(frame), self._commands_us(frame)
         ours = (frame.system, frame.component) in self._ours
@@ -121,25 +121,25 @@ class Relay:
             self._heard.append((t_ns, data))
         return commands or (steering and self.withhold)
 
-    def _is_beacon(self, frame: Frame) -> bool:
+    def _is_beacon(self, frame: WireFrame) -> bool:
         """Tell whether it is a ground station's heartbeat."""
         return frame.id == HEARTBEAT and bool(frame.message().type == mavlink.MAV_TYPE_GCS)
 
-    def _is_steering(self, frame: Frame) -> bool:
+    def _is_steering(self, frame: WireFrame) -> bool:
         return frame.system == self._link.system and _steers(frame, self._link.vehicle_system)
 
-    def _commands_us(self, frame: Frame) -> bool:
+    def _commands_us(self, frame: WireFrame) -> bool:
         link = self._link
         if frame.id != COMMAND or frame.system != link.system:
             return False
         message = frame.message()
         return (message.target_system, message.target_component) == (link.vehicle_system, link.component)
 
-    def _believed(self, frame: Frame, data: bytes) -> bool:
+    def _believed(self, frame: WireFrame, data: bytes) -> bool:
         return self._signing is None or (frame.version == 2 and self._signing.accepts(data))
 
 
-def _steers(frame: Frame, vehicle: int) -> bool:
+def _steers(frame: WireFrame, vehicle: int) -> bool:
     """Tell whether ArduSub would be steered by it: overrides that touch none of the six axes pass."""
     if frame.id == MANUAL_CONTROL:
         return bool(frame.message().target == vehicle)

@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.ardusub import PRESSURES, DepthSource
 
-ASK_S: Final = 10.0
-WINDOW_S: Final = 0.4
+ASK_S: Final = 10.0  # ten requests: one a second on average
+WINDOW_S: Final = 0.4  # 20 messages at 50 Hz
 WINDOW_MESSAGES: Final = 4.0
 SLOW_SHARE: Final = 0.7
 """A stream that comes at less than this share of its rate has slowed down."""
@@ -81,7 +81,7 @@ class _Stream:
         return True
 
 
-class Streams:
+class StreamRates:
     """Counts what comes (`heard`) and says what to ask for (`due`)."""
 
     def __init__(self, rates_hz: Mapping[int, float]) -> None:

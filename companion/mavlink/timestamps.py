@@ -20,7 +20,7 @@ PERIOD_S = 1.0
 AHEAD = round(2.0 * UNITS_PER_S)
 """Written on top, unless the process ends in order. After a crash it takes about as long to start again."""
 
-LAST_WRITE_S = 0.5
+LAST_WRITE_S = 0.5  # as the log's and Zenoh's last words
 
 Timestamp = Annotated[int, msgspec.Meta(ge=0, le=LATEST)]
 

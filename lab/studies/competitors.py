@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 from companion import registry
-from companion.config import Axis, Config
+from companion.config import AxisSection, Config
 from lab.study import known
 
 TUNED_FILE = Path(__file__).with_name("tuned.toml")
@@ -170,5 +170,5 @@ def _own(group: str, name: str, module: ModuleType, config: Config) -> dict[str,
     """Return what a search may turn of a file's own parameters: those above zero, from where they stand."""
     kind, table = module.Parameters, getattr(config, group).get(name, {})
     given: dict[str, float] = kind._field_defaults | table
-    own = set(kind._fields).intersection(given).difference(Axis.__struct_fields__)
+    own = set(kind._fields).intersection(given).difference(AxisSection.__struct_fields__)
     return {f"{group}.{name}.{key}": float(given[key]) for key in sorted(own) if given[key] > 0.0}

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from virtual import Somebody
 
-from companion.config import Axis, Config, load_config
+from companion.config import AxisSection, Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
 from companion.records import Condition, Setpoint, State, Verdict
 from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
@@ -243,7 +243,7 @@ def test_live_limits_are_the_configurations():
     for command in (SetGains, SetEstimator):
         for field in set(command.__struct_fields__) - {"axis", "confirm"}:
             here = json.dumps(_limits(command, field), sort_keys=True)
-            assert here == json.dumps(_limits(Axis, field), sort_keys=True)
+            assert here == json.dumps(_limits(AxisSection, field), sort_keys=True)
 
 
 def test_too_many_commands_are_told_so_at_once():

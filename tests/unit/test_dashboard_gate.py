@@ -7,7 +7,7 @@ from typing import get_type_hints
 
 import pytest
 
-from companion.config import Axis
+from companion.config import AxisSection
 from companion.records import State
 from companion.telemetry.commands import parse
 from dashboard.web import gate, vocabulary
@@ -123,7 +123,7 @@ def test_a_wrong_option_is_explained(
 def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
     said = dict(line.removesuffix(";").split(" = ", 1) for line in vocabulary.module().splitlines())
     commands = json.loads(said["export const COMMANDS"])
-    configured = get_type_hints(Axis, include_extras=True)
+    configured = get_type_hints(AxisSection, include_extras=True)
     tuned = {name: field for group in ("gains", "estimator") for name, field in commands[group].items()}
     numbers = {name: field for name, field in tuned.items() if field["least"] is not None}
     assert len(numbers) == 12

@@ -16,7 +16,7 @@ from bisect import bisect_right
 from operator import add
 from typing import NamedTuple
 
-from companion.config import Axis, Config
+from companion.config import AxisSection, Config
 from companion.core import reference
 from companion.core.bounds import wrap
 from companion.guidance.paths.curve import Curve, between
@@ -56,7 +56,7 @@ def limits(config: Config) -> Limits:
     return Limits(level, _fastest(config.heave), yaw.max_rate, acceleration, yaw.max_acceleration)
 
 
-def _fastest(axis: Axis) -> float:
+def _fastest(axis: AxisSection) -> float:
     """Return the speed of an axis that its `max_rate` and the drag leave."""
     d1, d2, force = axis.linear_damping, axis.quadratic_damping, DRAG_SHARE * axis.max_force
     return min(axis.max_rate, 2.0 * force / (d1 + math.sqrt(d1 * d1 + 4.0 * d2 * force) + TINY))
