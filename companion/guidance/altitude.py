@@ -15,6 +15,7 @@ a nod comes from the time before it, and is no answer.
 """
 
 import math
+from typing import Self
 
 from companion.core.bounds import clamped, limited
 from companion.estimation.ground import ANSWERS, MOVES_ALONG
@@ -39,6 +40,11 @@ class AltitudeHold:
         self.by_hand = False
         """Whether the pilot moves the depth in this tick."""
         self.rest()
+
+    @classmethod
+    def of(cls, altitude_m: float) -> Self | None:
+        """Return one of an altitude; None for NaN."""
+        return None if math.isnan(altitude_m) else cls(altitude_m)
 
     def rest(self) -> None:
         """Begin again from where it will be, and decide anew what to believe."""

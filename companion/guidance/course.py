@@ -21,8 +21,8 @@ from companion.telemetry.commands import Follow, Goto, in_words
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
 
-PACE_S, LEAST_PACE = 30.0, 0.05
-"""The time that is left is estimated by the mean pace of so long, and never by less than this."""
+PRIOR_S = 10.0
+"""The time that is left is estimated by the mean speed so far, and by the plan's as if for so long before."""
 
 
 def pace(reference_pace: Vector, distance_m: float) -> float:
@@ -77,7 +77,9 @@ class Course:
         """Of a leg: one that loops is travelled as a single curve of so many laps."""
         self._number = -1
         """Which leg, laps included."""
-        self._mean_pace = 1.0
+        self._whole_m = self._moved_s = 0.0
+        """How far it was when it began, and how long it has moved, without the time of a pause."""
+        self._fastest = speed_mps if path is None else max(leg.profile.max_speed for leg in path.legs)
 
     @classmethod
     def to(cls, order: Goto, limits: Limits) -> Self:
@@ -101,6 +103,27 @@ class Course:
     def wants_position(self) -> bool:
         """Whether it is about x or y."""
         return self.path is not None or not (math.isnan(self.place[0]) and math.isnan(self.place[1]))
+
+    def kind(self, waits: bool) -> str:
+        """Return what it does, as `Guided.kind`; `waits` for a position."""
+        if self.done:
+            return "refused" if self.refused else "hold"
+        if self.paused:
+            return "paused"
+        if waits or not self.begun:
+            return "waiting"
+        return "move" if self.path is None else "path"
+
+    @property
+    def name(self) -> str:
+        """The path's, or why it is refused; empty for a move, and at its end."""
+        if self.done or self.path is None:
+            return self.refused
+        return self.path.plan.name
+
+    def refuse(self, why: str) -> None:
+        """End: it leads nowhere."""
+        self.refused, self.done = why, True
 
     @property
     def length_m(self) -> float:
@@ -129,24 +152,12 @@ class Course:
 
     @property
     def left_s(self) -> float:
-        """How long that takes, about, at the pace of late."""
-        approach_s = self._approach.left_s if self._approach is not None else 0.0
-        return (approach_s + self._path_left_s) / max(self._mean_pace, LEAST_PACE)
-
-    @property
-    def _path_left_s(self) -> float:
-        path = self.path
-        if path is None or self.done or math.isinf(path.laps):
-            return 0.0 if path is None or self.done else math.inf
-        if self._number < 0:
-            first = path.legs[0]
-            if first.loops:
-                return TimeLaw(first.profile, path.laps).left_s
-            return path.duration_s + path.laps_s(path.laps - 1.0)
-        lap, i = self._lap
-        leg_s = self._wait_s if self._law is None else self._law.left_s + path.legs[i].wait_s
-        laps_left = path.laps / self._laps - 1.0 - lap
-        return leg_s + path.duration_s - path.ends_s[i] + path.laps_s(laps_left)
+        """How long that takes, about, at the mean speed so far."""
+        left_m = self.left_m
+        if math.isinf(left_m):
+            return left_m
+        moved_m = max(self._whole_m - left_m, 0.0) if self.begun else 0.0
+        return left_m * (self._moved_s + PRIOR_S) / (moved_m + self._fastest * PRIOR_S)
 
     @property
     def _lap(self) -> tuple[float, int]:
@@ -171,6 +182,7 @@ class Course:
         else:
             self._offset = self.path.start(start)
             self._next_leg()
+        self._whole_m = self.left_m
 
     def suspend(self) -> None:
         """Let somebody else move the target."""
@@ -192,8 +204,8 @@ class Course:
         """Advance by `dt_s` at `pace`; return where to be."""
         if self.paused:
             pace = 0.0
-        elif pace > 0.0:
-            self._mean_pace += (pace - self._mean_pace) * dt_s / PACE_S
+        else:
+            self._moved_s += dt_s
         if self._approach is not None:
             self._at = self._approach.step(pace, dt_s)
             if self._approach.arrived:

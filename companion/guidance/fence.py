@@ -1,33 +1,37 @@
-"""Where the vehicle may be told to be: a box north and east, and two depths.
+"""Where the vehicle may be told to be: a box north and east, two depths, and how near the ground.
 
-Places keep MARGIN_M from `[fence]`, so that the vehicle stays inside it: its reference overshoots by up to
-2 cm and the vehicle is off its reference by some more (docs/guidance.md). Without `[fence]` in force only
-`supervisor.max_depth_m` bounds a place.
+Places keep MARGIN_M from `[fence]`. Without `[fence]` in force only `supervisor.max_depth_m` bounds a place.
 """
 
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from msgspec import UnsetType
+
 from companion.config import Config
 from companion.core.bounds import clamped, limited
 from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
+from companion.estimation.frame import Offset
+from companion.guidance.course import Course
 from companion.guidance.paths.shapes import Path
+from companion.guidance.paths.time_law import limits
 from companion.records import Setpoint, Vector, Z, vector
 
-Bounds = tuple[float, float]
+Interval = tuple[float, float]
 MARGIN_M = 0.1
+"""So that the vehicle stays inside: its reference overshoots by 2 cm, and it is off that by some more."""
 BRAKING_SHARE = 0.35
+"""Of an axis' acceleration, to stop before the fence with: the reference follows late (LAG_S)."""
 LAG_S = RATE_LAG_S + ACCELERATION_LAG_S
-"""Share of an axis' acceleration to stop before the fence with, and how late the reference begins to."""
 
 
 class Fence(NamedTuple):
     """North, east and depth, m: the least and the largest that is inside."""
 
-    north_m: Bounds
-    east_m: Bounds
-    depth_m: Bounds
+    north_m: Interval
+    east_m: Interval
+    depth_m: Interval
 
     def outside(self, place: Sequence[float]) -> str:
         """Return which bound a place (x, y, z) breaks, in words; "" for one inside. NaN breaks none."""
@@ -68,7 +72,7 @@ class Fence(NamedTuple):
         return vector(slowed)
 
 
-def fence(config: Config) -> Fence:
+def fence_of(config: Config) -> Fence:
     """Return what bounds a place: the deepest setpoint and, where it is in force, `[fence]` less its margin.
 
     A fence whose least depth is 0 leaves the surface open.
@@ -82,18 +86,70 @@ def fence(config: Config) -> Fence:
     return Fence(_inside(given.north_m), _inside(given.east_m), (least_m, min(deep_m, deepest_m)))
 
 
-def _inside(bounds: Bounds) -> Bounds:
+def _inside(bounds: Interval) -> Interval:
     low, high = bounds
     margin_m = min(MARGIN_M, 0.5 * (high - low))
     return low + margin_m, high - margin_m
 
 
-def refuse_depth(setpoint: Setpoint, config: Config) -> None:
-    """Raise ValueError for a setpoint that is infinite, or deeper than `supervisor.max_depth_m`."""
-    deepest_m, motion = config.supervisor.max_depth_m, (*setpoint.eta_d_dot, *setpoint.eta_d_ddot)
-    infinite = any(map(math.isinf, setpoint.eta_d)) or not all(map(math.isfinite, motion))
-    if infinite or setpoint.eta_d[Z] > deepest_m:
-        raise ValueError(
-            f"setpoint {list(setpoint.eta_d)} (x, y, depth, heading): must be finite, "
-            f"and no deeper than supervisor.max_depth_m = {deepest_m:g}"
+class Bounds:
+    """What a configuration permits to ask for; the methods that return nothing raise ValueError."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.fence, self.limits = fence_of(config), limits(config)
+        surge, sway, heave, yaw = (axis.max_acceleration for axis in config.axes)
+        self.max_acceleration: Vector = (min(surge, sway), min(surge, sway), heave, yaw)
+        """By DOF, in any heading."""
+        surge, sway, heave, yaw = (axis.max_rate for axis in config.axes)
+        self._max_rate: Vector = (min(surge, sway), min(surge, sway), heave, yaw)
+
+    def refuse_depth(self, setpoint: Setpoint) -> None:
+        """Refuse a setpoint that is infinite, or deeper than `supervisor.max_depth_m`."""
+        deepest_m = self.config.supervisor.max_depth_m
+        infinite = any(map(math.isinf, setpoint.eta_d)) or not all(
+            map(math.isfinite, (*setpoint.eta_d_dot, *setpoint.eta_d_ddot))
         )
+        if infinite or setpoint.eta_d[Z] > deepest_m:
+            raise ValueError(
+                f"setpoint {list(setpoint.eta_d)} (x, y, depth, heading): must be finite, "
+                f"and no deeper than supervisor.max_depth_m = {deepest_m:g}"
+            )
+
+    def checked(self, setpoint: Setpoint) -> Setpoint:
+        """Return a setpoint that is permitted; raise ValueError for another."""
+        self.refuse_depth(setpoint)
+        if refused := self.fence.outside(setpoint.eta_d):
+            raise ValueError(f"setpoint beyond the fence: {refused}")
+        return setpoint
+
+    def check(self, course: Course, start: Vector) -> None:
+        """Refuse a path or a move that leaves its bounds from `start`."""
+        if course.path is not None:
+            if refused := self.fence.left_by(course.path, start):
+                raise ValueError(refused)
+            return
+        goal = course.goal(start)
+        self.checked(Setpoint(goal))
+        if goal[Z] < 0.0:
+            raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
+
+    def permit_altitude(self, altitude_m: float | UnsetType) -> None:
+        """Refuse an altitude below `supervisor.min_altitude_m`."""
+        least_m = self.config.supervisor.min_altitude_m
+        if not isinstance(altitude_m, UnsetType) and altitude_m < least_m:
+            raise ValueError(
+                f"altitude_m = {altitude_m:g}: must be supervisor.min_altitude_m = {least_m:g} or more"
+            )
+
+    def fenced(self, target: Setpoint, now: Offset) -> Setpoint:
+        """Return a target inside, held at the fence, which is where the EKF's frame is `now`."""
+        outside = now.setpoint_outside(target)
+        kept = self.fence.inside(outside)
+        return target if kept is outside else now.setpoint_inside(kept)
+
+    def slowed(self, target: Setpoint) -> Setpoint:
+        """Return a target inside with its rates and accelerations within the axes' limits."""
+        rate = vector(map(limited, target.eta_d_dot, self._max_rate))
+        rise = vector(map(limited, target.eta_d_ddot, self.max_acceleration))
+        return Setpoint(target.eta_d, rate, rise)

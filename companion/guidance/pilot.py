@@ -15,7 +15,7 @@ import msgspec
 from companion.config import Config
 from companion.core.bounds import limited, wrap
 from companion.core.positioning import jacobian, to_body, to_inertial
-from companion.guidance.fence import Fence
+from companion.guidance.fence import Bounds
 from companion.records import (
     PSI,
     ZERO,
@@ -89,10 +89,6 @@ class Pilot:
         self._dead_zone = config.supervisor.pilot_deflection
         self._max_depth_m = config.supervisor.max_depth_m
         self._axes = config.axes
-        surge, sway, heave, yaw = (axis.max_acceleration for axis in config.axes)
-        level = min(surge, sway)
-        self.max_acceleration: Vector = (level, level, heave, yaw)
-        """By DOF, in any heading."""
 
     def ask(self, until_s: float, velocity: Vector, *, body: bool) -> None:
         """Move like this, where the sticks are at rest, until then; what stops is held where it stands.
@@ -144,7 +140,7 @@ class Pilot:
         psi: float,
         held: Flags,
         x_d: Vector,
-        fence: Fence,
+        bounds: Bounds,
         dt_s: float,
     ) -> tuple[Setpoint, Flags]:
         """Return the target as the sticks move it, and the degrees of freedom that they move.
@@ -154,7 +150,7 @@ class Pilot:
         """
         J = jacobian(psi)
         asked = chosen(held, to_inertial(J, demand.nu), ZERO)
-        rate = fence.braked(target.eta_d, asked, self.max_acceleration)
+        rate = bounds.fence.braked(target.eta_d, asked, bounds.max_acceleration)
         x_free, y_free, z_free, psi_free = (slow == fast for slow, fast in zip(rate, asked, strict=True))
         rate_dot = chosen((x_free, y_free, z_free, psi_free), to_inertial(J, demand.nu_dot), ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0

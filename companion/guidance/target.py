@@ -22,6 +22,8 @@ class Target:
 
     def __init__(self, setpoint: Setpoint) -> None:
         self.asked = self.now = self.start = setpoint
+        self.carries_until_s = -math.inf
+        """Until then `now` moves on by its own rate, which the ground station gave it."""
 
     def ask(self, setpoint: Setpoint, offset: Offset) -> None:
         """Take a setpoint; where it says nothing, the target stays."""
@@ -52,24 +54,25 @@ class Target:
         ]
         self.ask_places((held[X], held[Y], held[Z], held[PSI]), offset.outside(self.now.eta_d))
 
-    def carry_on(self, dt_s: float) -> None:
-        """Move the target by its own rate and acceleration."""
-        rate, rise = self.now.eta_d_dot, self.now.eta_d_ddot
-        x, y, z, psi = (
-            at + dt_s * (v + 0.5 * dt_s * a) for at, v, a in zip(self.now.eta_d, rate, rise, strict=True)
-        )
+    def carry_on(self, now_s: float, dt_s: float) -> None:
+        """Move the target on by its own rate and acceleration, until nothing was said for too long."""
+        if not now_s < self.carries_until_s:
+            self.stop_carrying()
+            return
+        eta, rate, rise = self.now
+        x, y, z, psi = (at + dt_s * (v + 0.5 * dt_s * a) for at, v, a in zip(eta, rate, rise, strict=True))
         faster = vector(v + dt_s * a for v, a in zip(rate, rise, strict=True))
         self.now = Setpoint((x, y, z, wrap(psi)), faster, rise)
 
-    def move_depth(self, depth_m: float, rate_mps: float, acceleration_mps2: float) -> None:
-        """Replace the target's depth and its motion."""
-        (x, y, _, psi), (u, v, _, r), (u_dot, v_dot, _, r_dot) = (
-            self.now.eta_d,
-            self.now.eta_d_dot,
-            self.now.eta_d_ddot,
-        )
+    def stop_carrying(self) -> None:
+        """Stay where it is, if it moved on."""
+        if self.carries_until_s > -math.inf:
+            self.carries_until_s, self.now = -math.inf, Setpoint(self.now.eta_d)
+
+    def move_depth(self, *moving: float) -> None:
+        """Replace the target's depth, its rate and its acceleration."""
         self.now = Setpoint(
-            (x, y, depth_m, psi), (u, v, rate_mps, r), (u_dot, v_dot, acceleration_mps2, r_dot)
+            *((x, y, depth, psi) for (x, y, _, psi), depth in zip(self.now, moving, strict=True))
         )
 
 

@@ -6,7 +6,7 @@ from virtual import Dive, hold, shared
 from companion.guidance.orders import order_of
 from companion.records import Reboot, Request, State
 from companion.telemetry.commands import Follow, Goto, SetPath
-from companion.telemetry.plan import Circle, PathPlan, Waypoint
+from companion.telemetry.plan import PathPlan, Waypoint
 
 CALM = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=true", "current.speed_m_s=0.0")
 LINE = PathPlan(
@@ -35,16 +35,13 @@ def under_way():
     return dive
 
 
-@pytest.mark.parametrize(
-    "interruption", [Goto(y_m=1.0, speed_mps=0.4), SetPath(action="hold")], ids=["a move", "hold"]
-)
-def test_a_path_that_something_else_replaced_goes_on_where_it_was(interruption):
+def test_a_path_that_was_stopped_goes_on_where_it_was():
     dive = under_way()
     was_m = dive.step.sample.guided.progress_m
-    dive.engine.guide(interruption)
-    meanwhile = dive.run(12.0)
+    dive.engine.guide(SetPath(action="hold"))
+    meanwhile = dive.run(6.0)
     guided = meanwhile[-1].sample.guided
-    assert (guided.kind, guided.left_m) == ("hold", pytest.approx(3.0 - was_m, abs=0.05))
+    assert (guided.kind, guided.left_m) == ("paused", pytest.approx(3.0 - was_m, abs=0.05))
     dive.engine.guide(RESUME)
     after = dive.run(18.0)
     assert after[5].sample.guided.kind == "path"
@@ -52,11 +49,9 @@ def test_a_path_that_something_else_replaced_goes_on_where_it_was(interruption):
     assert after[-1].truth.eta[0] == pytest.approx(3.0, abs=0.05)
 
 
-def test_a_new_path_leaves_nothing_to_resume():
+def test_a_move_ends_a_path():
     dive = under_way()
     dive.engine.guide(Goto(y_m=1.0))
-    circle = PathPlan(circle=Circle(radius_m=1.0), relative=True)
-    follow(dive, Follow(path=circle))
     dive.engine.guide(SetPath(action="hold"))
     with pytest.raises(ValueError, match="no path and no move"):
         dive.engine.guide(RESUME)

@@ -19,24 +19,20 @@ from companion.guidance.paths.curve import (
     Point,
     between,
     sampled,
-    straight,
     turn_along,
     turn_between,
 )
 from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, profiled
-from companion.records import ZERO, Flags, Vector
+from companion.records import ZERO, Flags, Vector, chosen
 from companion.steps import Steps, finish
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, LawnMower, Lemniscate, PathPlan, Waypoint
 
-CORNER_NODES = 12
-TURN_NODES = 24
-"""Nodes of a rounded corner, and of a whole turn of a circle: closer than 0.01 % of the radius."""
-
-LEMNISCATE_NODES = 96
+CORNER_NODES, TURN_NODES, LEMNISCATE_NODES = 12, 24, 96
+"""Of a rounded corner, a whole turn of a circle, a lemniscate: closer than 0.01 % of the radius."""
 SHARPEST_RAD = math.radians(120.0)
 """A sharper corner is no turn: the path stops there, and goes back."""
-
 SHORTEST_M = 1e-3
+"""Of a line: a thousand times `curve.APART_M`."""
 
 
 class Leg(NamedTuple):
@@ -46,8 +42,6 @@ class Leg(NamedTuple):
     profile: Profile
     wait_s: float
     loops: bool
-    turn_s: float
-    """How long it takes to its start from the end of the one before, about: where that stopped, it turns."""
 
 
 class _Bare(NamedTuple):
@@ -67,38 +61,24 @@ class Path(NamedTuple):
     plan: PathPlan
     legs: tuple[Leg, ...]
     relative: Flags
-    length_m: float
-    """One lap's."""
     extremes: tuple[Point, ...]
     """The places of the least and of the largest north, east and depth."""
     ends_m: tuple[float, ...]
-    ends_s: tuple[float, ...]
-    """Where along a lap, and about when, each leg ends, with what it waits there."""
+    """Where along a lap each leg ends."""
 
     @property
-    def duration_s(self) -> float:
-        """One lap's, about."""
-        return self.ends_s[-1]
-
-    def laps_s(self, laps: float) -> float:
-        """Return how long so many further laps take after one, about."""
-        return laps * (self.legs[0].turn_s + self.duration_s)
+    def length_m(self) -> float:
+        """One lap's."""
+        return self.ends_m[-1]
 
     @property
     def laps(self) -> float:
         """How often it is travelled; infinite where it goes on until it is stopped."""
         return self.plan.laps or math.inf
 
-    @property
-    def closed(self) -> bool:
-        """Whether a lap ends where it begins."""
-        first, last = self.legs[0].curve[0].p, self.legs[-1].curve[-1].p
-        return math.dist(first[:3], last[:3]) < 0.01
-
     def start(self, reference: Vector) -> Vector:
         """Return what is added to every pose of a path that begins at `reference`."""
-        x, y, z, psi = (at if counts else 0.0 for at, counts in zip(reference, self.relative, strict=True))
-        return (x, y, z, psi)
+        return chosen(self.relative, reference, ZERO)
 
     def polyline(self, spacing_m: float) -> Iterator[Point | None]:
         """Give places of a lap, in order, no further apart than lines of `spacing_m` on a bend.
@@ -108,12 +88,9 @@ class Path(NamedTuple):
         for leg in self.legs:
             last_s = -math.inf
             for node in leg.curve:
-                straight = not any(node.ddp[:3])
-                if straight or node.s - last_s >= spacing_m or node.s == leg.curve.length:
-                    last_s = node.s
-                    yield node.p[:3]
-                else:
-                    yield None
+                kept = not any(node.ddp[:3]) or node.s - last_s >= spacing_m or node.s == leg.curve.length
+                last_s = node.s if kept else last_s
+                yield node.p[:3] if kept else None
 
 
 def build(plan: PathPlan, limits: Limits) -> Path:
@@ -134,28 +111,21 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     if deep and not isinstance(plan.altitude_m, UnsetType):
         raise ValueError("altitude_m: is over the ground; give no depths beside it")
     if plan.waypoint:
-        legs = yield from _polyline(plan, plan.waypoint, closed=plan.closed)
+        bare = yield from _polyline(plan, plan.waypoint, closed=plan.closed)
     else:
-        legs = yield from _shape(plan, given[0])
-    keeps = plan.heading == "keep" and isinstance(plan.heading_deg, UnsetType) and not _has_headings(plan)
-    ready = []
-    speed, acceleration = plan.speed_mps, plan.acceleration_mps2
-    before = legs[-1].curve
-    for curve, wait_s, loops in legs:
-        profile = yield from profiled(curve, speed, acceleration, limits, loops=loops and plan.laps != 1)
-        turn, turn_s = straight(before[-1].p, curve[0].p), 0.0
-        if turn is not None:
-            turn_s = (yield from profiled(turn, speed, acceleration, limits)).duration_s
-        ready.append(Leg(curve, profile, wait_s, loops, turn_s))
-        before = curve
+        bare = yield from _shape(plan, given[0])
+    legs = []
+    for curve, wait_s, loops in bare:
+        again = loops and plan.laps != 1
+        profile = yield from profiled(curve, plan.speed_mps, plan.acceleration_mps2, limits, loops=again)
+        legs.append(Leg(curve, profile, wait_s, loops))
     extremes = yield from _extremes([leg.curve for leg in legs])
     ends_m = tuple(accumulate(leg.curve.length for leg in legs))
-    times_s = [leg.turn_s + leg.profile.duration_s + leg.wait_s for leg in ready]
-    ends_s = tuple(accumulate([times_s[0] - ready[0].turn_s, *times_s[1:]]))
-    if not math.isfinite(ends_m[-1] + ends_s[-1] + ready[0].turn_s):
-        raise ValueError(f"the path takes {ends_m[-1]:g} m and {ends_s[-1]:g} s: must be finite")
-    relative = (plan.relative, plan.relative, not deep, keeps)
-    return Path(plan, tuple(ready), relative, ends_m[-1], extremes, ends_m, ends_s)
+    if not math.isfinite(ends_m[-1]):
+        raise ValueError(f"the path takes {ends_m[-1]:g} m: must be finite")
+    given_headings = any(waypoint.heading_deg is not UNSET for waypoint in plan.waypoint)
+    keeps = plan.heading == "keep" and plan.heading_deg is UNSET and not given_headings
+    return Path(plan, tuple(legs), (plan.relative, plan.relative, not deep, keeps), extremes, ends_m)
 
 
 def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
@@ -190,41 +160,38 @@ def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list
 
 
 def _round(shape: Circle, z: float) -> Callable[[float], tuple[Point, Point, Point]]:
-    begin, way = math.radians(shape.start_deg), 1.0 if shape.clockwise else -1.0
-    r = shape.radius_m
+    """Return place and derivatives of a circle by its angle."""
+    begin, way, r = math.radians(shape.start_deg), 1.0 if shape.clockwise else -1.0, shape.radius_m
 
     def point(t: float) -> tuple[Point, Point, Point]:
-        c, s = math.cos(begin + way * t), math.sin(begin + way * t)
-        return (
-            (shape.x_m + r * c, shape.y_m + r * s, z),
-            (-way * r * s, way * r * c, 0.0),
-            (-r * c, -r * s, 0.0),
-        )
+        along, across = r * math.cos(begin + way * t), r * math.sin(begin + way * t)
+        place = (shape.x_m + along, shape.y_m + across, z)
+        return place, (-way * across, way * along, 0.0), (-along, -across, 0.0)
 
     return point
 
 
 def _eight(shape: Lemniscate, z: float) -> Callable[[float], tuple[Point, Point, Point]]:
-    a, b, angle = 0.5 * shape.length_m, 0.5 * shape.width_m, math.radians(shape.direction_deg)
-    c, s = math.cos(angle), math.sin(angle)
-
-    def level(along: float, across: float) -> tuple[float, float]:
-        return c * along - s * across, s * along + c * across
+    """Return place and derivatives of a lemniscate by its parameter."""
+    a, b, level = 0.5 * shape.length_m, 0.5 * shape.width_m, _turned(shape.direction_deg)
 
     def point(t: float) -> tuple[Point, Point, Point]:
         x, y = level(a * math.sin(t), b * math.sin(2.0 * t))
-        return (
-            (shape.x_m + x, shape.y_m + y, z),
-            (*level(a * math.cos(t), 2.0 * b * math.cos(2.0 * t)), 0.0),
-            (*level(-a * math.sin(t), -4.0 * b * math.sin(2.0 * t)), 0.0),
-        )
+        rate = level(a * math.cos(t), 2.0 * b * math.cos(2.0 * t))
+        bend = level(-a * math.sin(t), -4.0 * b * math.sin(2.0 * t))
+        return (shape.x_m + x, shape.y_m + y, z), (*rate, 0.0), (*bend, 0.0)
 
     return point
 
 
+def _turned(direction_deg: float) -> Callable[[float, float], tuple[float, float]]:
+    """Return what turns a step along and across a direction into one north and east."""
+    c, s = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
+    return lambda along, across: (c * along - s * across, s * along + c * across)
+
+
 def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
-    angle = math.radians(shape.direction_deg)
-    c, s = math.cos(angle), math.sin(angle)
+    level = _turned(shape.direction_deg)
     gaps = math.ceil(shape.width_m / shape.spacing_m - 1e-9)
     if 2 * (gaps + 1) > MAX_SEGMENTS:
         raise ValueError(
@@ -234,21 +201,51 @@ def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
     points = []
     for k in range(gaps + 1):
         yield 1
-        across = shape.width_m * k / gaps
-        ends = (0.0, shape.length_m) if k % 2 == 0 else (shape.length_m, 0.0)
-        points += [
-            Waypoint(
-                x_m=shape.x_m + c * along - s * across,
-                y_m=shape.y_m + s * along + c * across,
-                depth_m=shape.depth_m,
-            )
-            for along in ends
-        ]
+        for along in (0.0, shape.length_m) if k % 2 == 0 else (shape.length_m, 0.0):
+            x, y = level(along, shape.width_m * k / gaps)
+            points.append(Waypoint(x_m=shape.x_m + x, y_m=shape.y_m + y, depth_m=shape.depth_m))
     return points
 
 
 def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[_Bare]]:
     """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
+    edges = yield from _edges(waypoints, closed=closed)
+    count = len(waypoints)
+    reach: list[float | None] = [0.0] * count
+    for k in range(0 if closed else 1, count if closed else count - 1):
+        reach[k] = _reach(plan, waypoints[k], *edges[k - 1], edges[k][1])
+        yield 1
+    loops = closed and 0.0 not in reach
+    if not loops:
+        reach[0] = 0.0
+    headings = [_radians(waypoint.heading_deg) for waypoint in waypoints]
+    psi = next((given for given in headings if given is not None), None)
+    legs: list[_Bare] = []
+    curve, stations = Curve(), [(0.0, headings[0])]
+    here = _towards(*edges[0], reach[0] or 0.0)
+    for k, (previous, at) in enumerate(edges, start=1):
+        k %= count
+        d = reach[k] or 0.0
+        turns_at = _towards(at, previous, d)
+        yield from curve.join(_line(here, turns_at, _direction(previous, at)))
+        gap, here = math.dist(here, turns_at), _towards(at, edges[k % len(edges)][1], d)
+        station = curve.length
+        if d:
+            corner = list(_corner(previous, at, edges[k][1], d))
+            yield CORNER_NODES
+            station += 0.5 * corner[-1].s
+            yield from curve.join(corner, gap if gap < SHORTEST_M else 0.0)
+        stations.append((station, headings[k]))
+        if reach[k] == 0.0 or (loops and k == 0):
+            stations.append((curve.length, headings[k]))
+            psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
+            legs.append(_Bare(curve, waypoints[k].wait_s, loops))
+            curve, stations = Curve(), [(0.0, headings[k])]
+    return legs
+
+
+def _edges(waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[tuple[Point, Point]]]:
+    """Return the lines between waypoints; raise ValueError for too few, and for one without a length."""
     points: list[Point] = []
     for k in range(len(waypoints)):
         points.append(_place(waypoints, k))
@@ -260,44 +257,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
         if math.dist(p, q) < SHORTEST_M:
             raise ValueError(f"waypoint[{k}] and the next are the same place: {p[0]:g}, {p[1]:g}")
         yield 1
-    count = len(points)
-    reach: list[float | None] = [0.0] * count
-    for k in range(0 if closed else 1, count if closed else count - 1):
-        reach[k] = _reach(plan, waypoints[k], *edges[k - 1], edges[k][1])
-        yield 1
-    loops = closed and 0.0 not in reach
-    if not loops:
-        reach[0] = 0.0
-    headings = [_heading(plan, waypoint) for waypoint in waypoints]
-    psi = next((given for given in headings if given is not None), None)
-    legs: list[_Bare] = []
-    curve = Curve()
-    here = _towards(points[0], edges[0][1], reach[0] or 0.0)
-    stations = [(0.0, headings[0])]
-    for k, (previous, at) in enumerate(edges, start=1):
-        k %= count
-        d = reach[k]
-        turns_at = _towards(at, previous, d or 0.0)
-        yield from curve.join(_line(here, turns_at, _direction(previous, at)))
-        gap = math.dist(here, turns_at)
-        here = at
-        if d:
-            following = edges[k][1]
-            corner: list[Node] = []
-            for node in _corner(previous, at, following, d):
-                corner.append(node)
-                yield 1
-            stations.append((curve.length + 0.5 * corner[-1].s, headings[k]))
-            yield from curve.join(corner, gap if gap < SHORTEST_M else 0.0)
-            here = _towards(at, following, d)
-        else:
-            stations.append((curve.length, headings[k]))
-        if d == 0.0 or (loops and k == 0):
-            stations.append((curve.length, headings[k]))
-            psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
-            legs.append(_Bare(curve, waypoints[k].wait_s, loops))
-            curve, stations = Curve(), [(0.0, headings[k])]
-    return legs
+    return edges
 
 
 def _reach(plan: PathPlan, waypoint: Waypoint, previous: Point, at: Point, following: Point) -> float | None:
@@ -351,8 +311,9 @@ def _towards(begin: Point, end: Point, d: float) -> Point:
 
 
 def _turn(plan: PathPlan, curve: Curve, *, loops: bool) -> Steps[None]:
-    if not isinstance(plan.heading_deg, UnsetType):
-        yield from turn_between(curve, [(0.0, math.radians(plan.heading_deg))])
+    psi = _radians(plan.heading_deg)
+    if psi is not None:
+        yield from turn_between(curve, [(0.0, psi)])
     elif plan.heading == "along":
         yield from turn_along(curve, loops=loops)
 
@@ -369,25 +330,18 @@ def _turn_by(
     if last_psi is None:
         yield from _turn(plan, curve, loops=loops)
         return None
-    known: list[tuple[float, float]] = []
+    known: dict[float, float] = {}
     for s, psi in [(0.0, last_psi), *stations]:
         yield 1
         if psi is not None:
             last_psi += wrap(psi - last_psi)
-            if known and s <= known[-1][0]:
-                known[-1] = (s, last_psi)
-            else:
-                known.append((s, last_psi))
-    yield from turn_between(curve, known)
+            known[s] = last_psi
+    yield from turn_between(curve, list(known.items()))
     return last_psi
 
 
-def _heading(plan: PathPlan, waypoint: Waypoint) -> float | None:
-    return None if isinstance(waypoint.heading_deg, UnsetType) else math.radians(waypoint.heading_deg)
-
-
-def _has_headings(plan: PathPlan) -> bool:
-    return any(waypoint.heading_deg is not UNSET for waypoint in plan.waypoint)
+def _radians(degrees: float | UnsetType) -> float | None:
+    return None if isinstance(degrees, UnsetType) else math.radians(degrees)
 
 
 def _place(waypoints: Sequence[Waypoint], k: int) -> Point:

@@ -6,7 +6,7 @@ a slower place needs:
     v ≤ V / |p'|,   v ≤ √(a_n / |p''|),   v ≤ r / |ψ'|,   v ≤ √(α / |ψ''|),   v² ≤ v(s₁)² + 2 a_t (s₁ − s)
 
 a_t and a_n, along and across, are together the acceleration of the plan. s follows that speed as the
-reference follows its setpoint (`control.reference`), so it starts and stops with bounded jerk. A pace of less
+reference follows its setpoint (`core.reference`), so it starts and stops with bounded jerk. A pace of less
 than 1, where thrust saturates or the vehicle stays behind, slows it; 0 makes it wait.
 """
 
@@ -18,22 +18,23 @@ from typing import NamedTuple
 
 from companion.config import AxisSection, Config
 from companion.core import reference
-from companion.core.bounds import wrap
+from companion.core.bounds import clamped, wrap
 from companion.guidance.paths.curve import Curve, between
 from companion.records import Setpoint, Vector, vector
 from companion.steps import Steps
 
 ALONG, ACROSS = 0.6, 0.8
 """Shares of the acceleration: 0.6² + 0.8² = 1."""
-
 MARGIN = 0.97
+"""Of speed and acceleration: with it each path of tests/unit/test_paths.py stays within its limits."""
 DRAG_SHARE = 0.7
-"""Of an axis' force, for the drag of its own speed in still water."""
-
+"""Of an axis' force, for the drag of its own speed in still water; the rest is for current and control."""
 TINY = 1e-9
 STEPS = 4
+"""Points of the grid between two nodes: a corner of 12 nodes has 48."""
 LOOKS_AHEAD_S = reference.RATE_LAG_S + reference.ACCELERATION_LAG_S
 ARRIVED_M, STANDS_MPS = 0.004, 0.006
+"""A leg has ended this near its end, and this slow: a fraction of the error with which a path is held."""
 SLOWEST_MPS = 0.005
 """What any place is passed with, however sharp."""
 
@@ -62,46 +63,25 @@ def _fastest(axis: AxisSection) -> float:
     return min(axis.max_rate, 2.0 * force / (d1 + math.sqrt(d1 * d1 + 4.0 * d2 * force) + TINY))
 
 
-class Profile:
+class Profile(NamedTuple):
     """The largest speed at each place of a curve, made by `profiled` before it is travelled."""
 
-    def __init__(
-        self,
-        curve: Curve,
-        acceleration: float,
-        max_speed: float,
-        grid: tuple["array[float]", "array[float]", "array[float]", "array[float]"],
-        *,
-        loops: bool,
-    ) -> None:
-        """Take the points of a grid, the largest speed at each, and that from which later ones can be met.
-
-        The last is when each is passed, in seconds since the start of a lap.
-        """
-        self.curve, self.acceleration, self.max_speed, self.loops = curve, acceleration, max_speed, loops
-        self._grid, self._caps, self._braked, self._passed_s = grid
-        self.stop_s = self._braked[-1] / acceleration if loops else 0.0
-        """How much longer than that it takes to come to rest at the end, about."""
-
-    @property
-    def duration_s(self) -> float:
-        """How long a lap takes, about, where nothing slows it."""
-        return self._passed_s[-1] + self.stop_s
-
-    def passed_s(self, s: float) -> float:
-        """Return when it passes s, seconds since the start of its first lap."""
-        laps, s = divmod(s, self.curve.length) if self.loops else (0.0, s)
-        i = self._before(s)
-        (s0, s1), (t0, t1) = self._grid[i : i + 2], self._passed_s[i : i + 2]
-        return laps * self._passed_s[-1] + t0 + (t1 - t0) * min(max((s - s0) / (s1 - s0), 0.0), 1.0)
+    curve: Curve
+    acceleration: float
+    max_speed: float
+    loops: bool
+    grid: "array[float]"
+    caps: "array[float]"
+    """The largest speed at each point of the grid."""
+    braked: "array[float]"
+    """That from which those of later points can be met."""
 
     def speed(self, s: float) -> float:
         """Return the speed at s: between two points of the grid, what braking to the next one leaves."""
         i = self._before(s)
-        s0, s1 = self._grid[i], self._grid[i + 1]
-        share = min(max((s - s0) / (s1 - s0), 0.0), 1.0)
-        cap = self._caps[i] + share * (self._caps[i + 1] - self._caps[i])
-        return min(cap, math.sqrt(self._braked[i + 1] ** 2 + 2.0 * self.acceleration * max(s1 - s, 0.0)))
+        s0, s1 = self.grid[i], self.grid[i + 1]
+        cap = self.caps[i] + clamped((s - s0) / (s1 - s0), 0.0, 1.0) * (self.caps[i + 1] - self.caps[i])
+        return min(cap, math.sqrt(self.braked[i + 1] ** 2 + 2.0 * self.acceleration * max(s1 - s, 0.0)))
 
     def slowest(self, begin: float, end: float) -> float:
         """Return the least speed from `begin` to `end`: a narrow corner may lie between the two."""
@@ -113,27 +93,22 @@ class Profile:
         return self._slowest(begin, end)
 
     def _slowest(self, begin: float, end: float) -> float:
-        between_them = self._braked[self._before(begin) + 1 : self._before(end) + 1]
+        between_them = self.braked[self._before(begin) + 1 : self._before(end) + 1]
         return min(self.speed(begin), self.speed(end), *between_them)
 
     def _before(self, s: float) -> int:
         """Return the point of the grid at s or before it, which has another one behind it."""
-        return min(max(bisect_right(self._grid, s) - 1, 0), len(self._grid) - 2)
+        return min(max(bisect_right(self.grid, s) - 1, 0), len(self.grid) - 2)
 
 
 class TimeLaw:
     """One curve under way, from s = 0 to the end of its laps; `laps` may be infinite."""
 
-    def __init__(self, profile: Profile, laps: float = 1.0, s: float = 0.0) -> None:
+    def __init__(self, profile: Profile, laps: float = 1.0) -> None:
         self._profile = profile
         self._parameters = reference.Parameters(profile.max_speed, profile.acceleration, angular=False)
         self._end = laps * profile.curve.length
-        self._state = reference.State(min(s, self._end), 0.0, 0.0, 0.0, 0.0)
-
-    @property
-    def end(self) -> Vector:
-        """Where it arrives."""
-        return self._profile.curve[-1].p
+        self._state = reference.State(0.0, 0.0, 0.0, 0.0, 0.0)
 
     @property
     def s(self) -> float:
@@ -148,16 +123,7 @@ class TimeLaw:
     @property
     def left_m(self) -> float:
         """How far the end is; a turn on the spot is no way."""
-        metres = math.hypot(*self._profile.curve[0].dp[:3])
-        return max(self._end - self.s, 0.0) * metres
-
-    @property
-    def left_s(self) -> float:
-        """How long it takes to the end, about, at full pace."""
-        if math.isinf(self._end):
-            return math.inf
-        profile = self._profile
-        return max(profile.passed_s(self._end) - profile.passed_s(self.s), 0.0) + profile.stop_s
+        return max(self._end - self.s, 0.0) * math.hypot(*self._profile.curve[0].dp[:3])
 
     @property
     def arrived(self) -> bool:
@@ -193,18 +159,13 @@ def profiled(
     """Return a curve's profile by the plan's speed and acceleration; `loops` for several laps."""
     most = min(acceleration, limits.acceleration) * MARGIN
     grid, caps = array("d"), array("d")
-    max_speed = 0.0
-    for i in range(len(curve) - 1):
-        a, b = curve[i], curve[i + 1]
-        for k in range(STEPS):
+    for i in range(len(curve)):
+        a, b = curve[i], curve[min(i + 1, len(curve) - 1)]
+        for k in range(STEPS if i + 1 < len(curve) else 1):
             node = between(a, b, a.s + (b.s - a.s) * k / STEPS) if k else a
             grid.append(node.s)
             caps.append(_cap(node.dp, node.ddp, speed, most, limits))
-        max_speed = max(max_speed, *caps[-STEPS:])
         yield 1
-    grid.append(curve.length)
-    caps.append(_cap(curve[-1].dp, curve[-1].ddp, speed, most, limits))
-    max_speed = max(max_speed, caps[-1])
     braked = array("d", caps)
     for _ in range(2 if loops else 1):
         if loops:
@@ -213,47 +174,18 @@ def profiled(
             way = grid[i + 1] - grid[i]
             braked[i] = min(braked[i], math.sqrt(braked[i + 1] ** 2 + 2.0 * ALONG * most * way))
             yield 1
-    passed_s = yield from _times(grid, caps, braked, ALONG * most, loops=loops)
-    return Profile(curve, ALONG * most, max_speed, (grid, caps, braked, passed_s), loops=loops)
-
-
-def _times(
-    grid: "array[float]", caps: "array[float]", braked: "array[float]", acceleration: float, *, loops: bool
-) -> Steps["array[float]"]:
-    """Return when each point of a grid is passed, about.
-
-    Between two of them it speeds up, goes on, and brakes for the second; for the end, if it does not loop,
-    with half the acceleration, as the reference does (`control.reference`).
-    """
-    speed = braked[0] if loops else 0.0
-    passed_s = array("d", [0.0])
-    for i in range(len(grid) - 1):
-        way = grid[i + 1] - grid[i]
-        stops = math.inf if loops else math.sqrt(acceleration * (grid[-1] - grid[i + 1]))
-        braking = acceleration if braked[i + 1] < stops else 0.5 * acceleration
-        end = min(braked[i + 1], stops, math.sqrt(speed * speed + 2.0 * acceleration * way))
-        most = way + 0.5 * (speed * speed / acceleration + end * end / braking)
-        top = math.sqrt(2.0 * most / (1.0 / acceleration + 1.0 / braking))
-        top = max(min(top, 0.5 * (caps[i] + caps[i + 1])), speed, end)
-        faster, slower = (top - speed) / acceleration, (top - end) / braking
-        changing_m = 0.5 * ((top + speed) * faster + (top + end) * slower)
-        passed_s.append(passed_s[-1] + faster + slower + max(way - changing_m, 0.0) / top)
-        speed = end
-        yield 1
-    return passed_s
+    return Profile(curve, ALONG * most, max(caps), loops, grid, caps, braked)
 
 
 def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Limits) -> float:
     level, vertical, turn = math.hypot(dp[0], dp[1]), abs(dp[2]), abs(dp[3])
     bend, turn_bend = math.hypot(*ddp[:3]), abs(ddp[3])
-    return max(
-        min(
-            MARGIN * speed / max(math.hypot(level, vertical), TINY),
-            MARGIN * limits.level / max(level, TINY),
-            MARGIN * limits.vertical / max(vertical, TINY),
-            MARGIN * limits.turn / max(turn, TINY),
-            math.sqrt(ACROSS * acceleration / max(bend, TINY)),
-            math.sqrt(ACROSS * limits.turn_acceleration / max(turn_bend, TINY)),
-        ),
-        SLOWEST_MPS,
+    least = min(
+        MARGIN * speed / max(math.hypot(level, vertical), TINY),
+        MARGIN * limits.level / max(level, TINY),
+        MARGIN * limits.vertical / max(vertical, TINY),
+        MARGIN * limits.turn / max(turn, TINY),
+        math.sqrt(ACROSS * acceleration / max(bend, TINY)),
+        math.sqrt(ACROSS * limits.turn_acceleration / max(turn_bend, TINY)),
     )
+    return max(least, SLOWEST_MPS)
