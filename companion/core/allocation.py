@@ -29,6 +29,7 @@ import math
 from typing import NamedTuple
 
 from companion.core.bounds import limited
+from companion.core.four import each, each_of_two
 from companion.records import Axes
 
 Three = tuple[float, float, float]
@@ -134,13 +135,6 @@ class Thrusters(NamedTuple):
     """How many motors the frame has."""
 
 
-class Allocation(NamedTuple):
-    """Axes to send and, axis by axis, whether more was asked than they can give."""
-
-    axes: Axes
-    saturated: ByAxis
-
-
 def thrusters(frame: str, max_tau: Axes, tilts: bool) -> Thrusters:
     """Return the thrusters of `frame`, "vectored" or "vectored_6dof".
 
@@ -167,15 +161,15 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
     shares = (_inverse(served[0]), _inverse(served[1]), _inverse(served[2]))
     p, q, r, s = ((a * shares[0], b * shares[1], c * shares[2]) for a, b, c in motors)
     return Group(
-        motors,
-        (math.prod(first), math.prod(second), math.prod(third), math.prod(fourth)),
-        shares,
-        (PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
-        (max_tau[i], max_tau[j], max_tau[k]),
-        (float(i == YAW), float(j == YAW), float(k == YAW)),
-        True,
-        NO_MOTOR,
-        (p, q, r, s),
+        factors=motors,
+        opposed=each(math.prod, motors),
+        shares=shares,
+        levers=(PER_NEWTON[i], PER_NEWTON[j], PER_NEWTON[k]),
+        max_tau=(max_tau[i], max_tau[j], max_tau[k]),
+        first=(float(i == YAW), float(j == YAW), float(k == YAW)),
+        whole=True,
+        dead=NO_MOTOR,
+        pushes=(p, q, r, s),
     )
 
 
@@ -194,32 +188,20 @@ def without_motor(whole: Thrusters, motor: int) -> Thrusters:
     if motor == 0 or not can_lose(whole, motor):
         return whole
     if motor <= HORIZONTAL:
-        group = _without(whole.horizontal, motor - 1, (0.0, 0.0, 1.0))
-        return Thrusters(group, whole.vertical, whole.motor_count)
-    group = _without(whole.vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0))
-    return Thrusters(whole.horizontal, group, whole.motor_count)
+        return whole._replace(horizontal=_without(whole.horizontal, motor - 1, (0.0, 0.0, 1.0)))
+    return whole._replace(vertical=_without(whole.vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0)))
 
 
 def _without(group: Group, k: int, moments: Three) -> Group:
-    return Group(
-        group.factors,
-        group.opposed,
-        group.shares,
-        group.levers,
-        group.max_tau,
-        moments,
-        False,
-        (
-            1.0 if k == 0 else 0.0,
-            1.0 if k == 1 else 0.0,
-            1.0 if k == 2 else 0.0,
-            1.0 if k == 3 else 0.0,
-        ),
-        (_pushes(group, 0, k), _pushes(group, 1, k), _pushes(group, 2, k), _pushes(group, 3, k)),
-    )
+    dead = each(_is, (0, 1, 2, 3), k)
+    return group._replace(first=moments, whole=False, dead=dead, pushes=each(_pushes, (0, 1, 2, 3), k, group))
 
 
-def _pushes(group: Group, j: int, k: int) -> Three:
+def _is(motor: int, k: int) -> float:
+    return 1.0 if motor == k else 0.0
+
+
+def _pushes(j: int, k: int, group: Group) -> Three:
     """Return the row of motor j of (M − n n_k M_k) N⁻¹, which is M₃⁻ᵀ: motor k's work given back along n."""
     p, q, shares = group.factors[j], group.factors[k], group.shares
     back = group.opposed[j] * group.opposed[k]
@@ -234,8 +216,8 @@ def _inverse(served: float) -> float:
     return 1.0 / served if served else 0.0
 
 
-def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> Allocation:
-    """Return the axes that give body wrench `tau`, each within ±`reach`, motors within ±1.
+def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> tuple[Axes, ByAxis]:
+    """Return the axes for body wrench `tau`, within ±`reach`, motors within ±1, and which ask for more.
 
     Where the horizontal motors would exceed the end of their curve or their reach, yaw's moment is given
     whole and the forces of surge and sway are cut, so that their direction is kept: the heading goes before
@@ -248,9 +230,8 @@ def allocate(thrusters: Thrusters, tau: Axes, voltage_v: float, reach: Axes) -> 
     (heave, roll, pitch), (short_z, short_k, short_m) = _group_axes(
         thrusters.vertical, (tau[2], tau[4], tau[5]), strength, (reach[2], reach[4], reach[5])
     )
-    return Allocation(
-        (surge, sway, heave, yaw, roll, pitch), (short_x, short_y, short_z, short_n, short_k, short_m)
-    )
+    short = (short_x, short_y, short_z, short_n, short_k, short_m)
+    return (surge, sway, heave, yaw, roll, pitch), short
 
 
 def delivered(thrusters: Thrusters, axes: Axes, voltage_v: float) -> Axes:
@@ -263,9 +244,8 @@ def delivered(thrusters: Thrusters, axes: Axes, voltage_v: float) -> Axes:
 
 def motors(thrusters: Thrusters, axes: Axes) -> Motors:
     """Return the demand on each motor that the firmware makes of the axes."""
-    across = _group_motors(thrusters.horizontal, (axes[0], axes[1], axes[3]))
-    upright = _group_motors(thrusters.vertical, (axes[2], axes[4], axes[5]))
-    return across + upright
+    across = _by_motor(thrusters.horizontal.factors, (axes[0], axes[1], axes[3]))
+    return across + _by_motor(thrusters.vertical.factors, (axes[2], axes[4], axes[5]))
 
 
 def overloaded(thrusters: Thrusters, axes: Axes) -> ByAxis:
@@ -291,17 +271,11 @@ def _group_axes(
     levers, max_tau, first = group.levers, group.max_tau, group.first
     X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
     wanted = (X / (levers[0] * strength), Y / (levers[1] * strength), Z / (levers[2] * strength))
-    turning = _by_motor(group.pushes, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
     everything = _by_motor(group.pushes, wanted)
-    beyond = max(1.0, _load(turning[0]), _load(turning[1]), _load(turning[2]), _load(turning[3]))
+    turning = _by_motor(group.pushes, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
+    beyond = max(1.0, *each(_load, turning))
     turning = (turning[0] / beyond, turning[1] / beyond, turning[2] / beyond, turning[3] / beyond)
-    share = min(
-        1.0 / beyond,
-        _room(turning[0], everything[0]),
-        _room(turning[1], everything[1]),
-        _room(turning[2], everything[2]),
-        _room(turning[3], everything[3]),
-    )
+    share = min(1.0 / beyond, *each_of_two(_room, turning, everything))
     a, over = _shared(group, turning, everything, share, reach)
     if over > 1.0 and first[0] + first[1] + first[2] > 0.0:
         low, high = 0.0, share
@@ -348,7 +322,7 @@ def _shared(group: Group, turning: Four, everything: Four, share: float, reach: 
         t = _idle(group, t)
     a = _group_demands(group, t)
     if group.whole:
-        t = _group_motors(group, a)
+        t = _by_motor(group.factors, a)
         if group.opposed[0] != 0.0:
             t = _balanced(group, t, forces)
             a = _group_demands(group, t)
@@ -402,11 +376,6 @@ def _missing(demand: float, force: float) -> tuple[float, float]:
     return force - interpolated(demand, RISING_PUSH), 2.0 * SLOPE_STEP / max(more - less, MIN_SLOPE_N)
 
 
-def _group_motors(group: Group, a: Three) -> Four:
-    """Return M a."""
-    return _by_motor(group.factors, a)
-
-
 def _by_motor(rows: tuple[Three, Three, Three, Three], a: Three) -> Four:
     """Return a matrix with a row for each motor times a vector by axis."""
     p, q, r, s = rows
@@ -436,24 +405,16 @@ def _group_demands(group: Group, t: Four) -> Three:
 
 def _group_wrench(group: Group, a: Three, strength: float) -> Three:
     """Return S Mᵀ T(M a), at a battery's strength."""
-    t = _group_motors(group, a)
-    pushes = (
-        interpolated(t[0], PUSH),
-        interpolated(t[1], PUSH),
-        interpolated(t[2], PUSH),
-        interpolated(t[3], PUSH),
-    )
+    pushes = each(interpolated, _by_motor(group.factors, a), PUSH)
     if not group.whole:
-        k = group.dead
-        pushes = (
-            pushes[0] - k[0] * pushes[0],
-            pushes[1] - k[1] * pushes[1],
-            pushes[2] - k[2] * pushes[2],
-            pushes[3] - k[3] * pushes[3],
-        )
+        pushes = each_of_two(_alive, pushes, group.dead)
     X, Y, Z = _group_sums(group, pushes)
     levers = group.levers
     return X * levers[0] * strength, Y * levers[1] * strength, Z * levers[2] * strength
+
+
+def _alive(push: float, dead: float) -> float:
+    return push - dead * push
 
 
 def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:
@@ -461,12 +422,7 @@ def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:
 
     A motor ends at full push, an axis at that of its `reach`.
     """
-    used = 0.0
-    for group, three in (
-        (thrusters.horizontal, (axes[0], axes[1], axes[3])),
-        (thrusters.vertical, (axes[2], axes[4], axes[5])),
-    ):
-        used = max(used, *(_load(interpolated(t, PUSH)) for t in _group_motors(group, three)))
+    used = max(0.0, *(_load(interpolated(t, PUSH)) for t in motors(thrusters, axes)))
     for a, most in zip(axes, reach, strict=True):
         used = max(used, interpolated(abs(a), PUSH) / max(interpolated(most, PUSH), DEAD_BAND_N))
     return max(0.0, 1.0 - used)

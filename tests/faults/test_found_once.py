@@ -81,7 +81,7 @@ def test_no_false_delay_is_believed(seed):
 
 def test_a_gain_that_leaves_no_reach_makes_no_nan():
     motors = thrusters("vectored_6dof", MAX_TAU, True)
-    assert np.isfinite(allocate(motors, (0.0,) * 6, 16.0, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)).axes).all()
+    assert np.isfinite(allocate(motors, (0.0,) * 6, 16.0, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0))[0]).all()
 
 
 def test_a_setpoint_out_of_bounds_is_refused():

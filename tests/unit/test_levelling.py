@@ -212,7 +212,7 @@ def test_the_true_vehicle_gets_the_moment_and_heave_keeps_its_force(frame):
     pitch_nm = -1.5 if frame == "vectored_6dof" else 0.0
     one = thrusters(frame, MAX_TAU, True)
     wanted = (0.0, 0.0, 20.0, 0.0, 2.0, pitch_nm)
-    surge, sway, heave, yaw, roll, pitch = axes = allocate(one, wanted, 16.0, REACH).axes
+    surge, sway, heave, yaw, roll, pitch = axes = allocate(one, wanted, 16.0, REACH)[0]
     np.testing.assert_allclose(delivered(one, axes, 16.0), wanted, rtol=0.03, atol=0.02)
     pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * one.motor_count)
     name = "sim.toml" if frame == "vectored_6dof" else "sim-bluerov2.toml"
