@@ -37,6 +37,7 @@ import math
 from typing import NamedTuple
 
 from companion.core.allocation import (
+    HORIZONTAL,
     PUSH,
     Four,
     Group,
@@ -48,6 +49,7 @@ from companion.core.allocation import (
     thrust_at,
 )
 from companion.core.bounds import clamped
+from companion.core.four import each, each_of_two
 from companion.records import Axes
 
 SLOW_S = 1.0
@@ -79,6 +81,7 @@ BIAS_S, EXCUSED_BIAS_S = 60.0, 5.0
 TINY = 1e-12
 
 Five = tuple[float, float, float, float, float]
+"""By hypothesis 0 and the four motors of a group."""
 
 
 class Parameters(NamedTuple):
@@ -105,7 +108,7 @@ Turning = tuple[float, float, float, float, float]
 
 
 class Sums(NamedTuple):
-    """Means of the products about one axis; by hypothesis 0 and the four motors of a group."""
+    """Means of the products about one axis."""
 
     vv: Five
     vu: Five
@@ -120,6 +123,14 @@ class Sums(NamedTuple):
     hh: float
     oo: float
     """Of the moment that the water may make while the horizontal motors push."""
+
+
+class Shown(NamedTuple):
+    """The two axes in which a group of motors is seen; the second has a weight."""
+
+    first: Sums
+    second: Sums
+    weight: float
 
 
 class Suspect(NamedTuple):
@@ -140,11 +151,10 @@ class State(NamedTuple):
     """Over SLOW_S."""
     bias: Three
     """Constant part of u in roll, pitch and yaw, N·m."""
-    roll: Sums
-    pitch: Sums
-    yaw: Sums
-    tipped: Sums
-    """Of roll, by the horizontal motors."""
+    across: Shown
+    """Yaw and roll, by the horizontal motors."""
+    upright: Shown
+    """Roll and pitch, by the vertical motors."""
     suspect: Suspect
     dead: int
     """The motor that gives no thrust, 1 to 8; 0 while all do."""
@@ -152,30 +162,26 @@ class State(NamedTuple):
 
 
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
-NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, yy=0.0, ys=0.0, ss=0.0, yh=0.0, sh=0.0, hh=0.0, oo=0.0)
+NOTHING = Shown(NO_SUMS, NO_SUMS, 1.0)
 NOBODY = Suspect(0, 0.0)
-IDLE: Motors = (0.0,) * 8
-STILL: Turning = (0.0,) * 5
-NO_BIAS: Three = (0.0, 0.0, 0.0)
-START = State(IDLE, IDLE, STILL, NO_BIAS, NO_SUMS, NO_SUMS, NO_SUMS, NO_SUMS, NOBODY, 0, 0.0)
+START = State(
+    lagged=(0.0,) * 8,
+    pushes=(0.0,) * 8,
+    slow=(0.0,) * 5,
+    bias=(0.0,) * 3,
+    across=NOTHING,
+    upright=NOTHING,
+    suspect=NOBODY,
+    dead=0,
+    excused_s=0.0,
+)
 """All motors push, as far as is known."""
 
 
 def rest(state: State) -> State:
     """Return what stays known where nobody steers: the motor that gave no thrust."""
-    return State(
-        IDLE,
-        IDLE,
-        STILL,
-        NO_BIAS,
-        NO_SUMS,
-        NO_SUMS,
-        NO_SUMS,
-        NO_SUMS,
-        NOBODY,
-        state.dead,
-        state.excused_s,
-    )
+    return START._replace(dead=state.dead, excused_s=state.excused_s)
 
 
 def step(
@@ -189,113 +195,72 @@ def step(
     dt_s: float,
 ) -> State:
     """Take the axes that went out, and how the vehicle turned before; `delay_s` from sensor to motor."""
-    across, upright = parameters.thrusters.horizontal, parameters.thrusters.vertical
     new = 1.0 - math.exp(-dt_s / SLOW_S)
     late = 1.0 - math.exp(-dt_s / max(parameters.lag_s + delay_s, SHORTEST_S))
-    lagged = _pushes(state.lagged, motors(parameters.thrusters, axes), thrust_at(voltage_v), late)
-    f = _smoothed(state.pushes, lagged, new)
-    roll, pitch, p, q, r = turning
-    slow_roll, slow_pitch, slow_p, slow_q, slow_r = state.slow
-    slow_roll = slow_roll + (roll - slow_roll) * new
-    slow_pitch = slow_pitch + (pitch - slow_pitch) * new
-    slow_p = slow_p + (p - slow_p) * new
-    slow_q = slow_q + (q - slow_q) * new
-    slow_r = slow_r + (r - slow_r) * new
-    y_roll = parameters.roll_inertia * (p - slow_p) / SLOW_S
-    y_pitch = parameters.pitch_inertia * (q - slow_q) / SLOW_S
-    y_yaw = parameters.yaw_inertia * (r - slow_r) / SLOW_S
+    t, strength, slow = motors(parameters.thrusters, axes), thrust_at(voltage_v), state.slow
+    across = each_of_two(_acting, state.lagged[:4], t[:4], strength, late)
+    upright = each_of_two(_acting, state.lagged[4:], t[4:], strength, late)
+    horizontal = each_of_two(_eased, state.pushes[:4], across, new)
+    vertical = each_of_two(_eased, state.pushes[4:], upright, new)
+    slow = (
+        _eased(slow[0], turning[0], new),
+        _eased(slow[1], turning[1], new),
+        _eased(slow[2], turning[2], new),
+        _eased(slow[3], turning[3], new),
+        _eased(slow[4], turning[4], new),
+    )
+    state = state._replace(lagged=across + upright, pushes=horizontal + vertical, slow=slow)
+    return judged(summed(parameters, state, turning, levers, dt_s), levers, dt_s)
 
-    horizontal, vertical = (f[0], f[1], f[2], f[3]), (f[4], f[5], f[6], f[7])
+
+def _eased(before: float, now: float, new: float) -> float:
+    return before + (now - before) * new
+
+
+def _acting(before: float, demand: float, strength: float, new: float) -> float:
+    """Return a motor's push as it acts, N."""
+    return before + (interpolated(demand, PUSH) * strength - before) * new
+
+
+def summed(parameters: Parameters, state: State, turning: Turning, levers: Levers, dt_s: float) -> State:
+    """Take the moments and how the vehicle turned into the means."""
+    across, upright = parameters.thrusters.horizontal, parameters.thrusters.vertical
+    horizontal, vertical, bias = state.pushes[:4], state.pushes[4:], state.bias
+    slow_roll, slow_pitch, slow_p, slow_q, slow_r = state.slow
+    y_roll = parameters.roll_inertia * (turning[2] - slow_p) / SLOW_S
+    y_pitch = parameters.pitch_inertia * (turning[3] - slow_q) / SLOW_S
+    y_yaw = parameters.yaw_inertia * (turning[4] - slow_r) / SLOW_S
     X = _moments(across, 0, horizontal, across.levers[0], 0.0)
     Y = _moments(across, 1, horizontal, across.levers[1], 0.0)
-    lever_m = levers.roll_m
-    by_sway, by_surge = -lever_m * Y[0], levers.pitch_m * X[0]
-    K = _moments(upright, 1, vertical, upright.levers[1], by_sway - state.bias[0])
-    M = _moments(upright, 2, vertical, upright.levers[2], by_surge - state.bias[1])
-    N = _moments(across, 2, horizontal, across.levers[2], -state.bias[2])
-    tip = (
-        K[0],
-        K[0] - lever_m * (Y[1] - Y[0]),
-        K[0] - lever_m * (Y[2] - Y[0]),
-        K[0] - lever_m * (Y[3] - Y[0]),
-        K[0] - lever_m * (Y[4] - Y[0]),
-    )
+    by_sway, by_surge = -levers.roll_m * Y[0], levers.pitch_m * X[0]
+    K = _moments(upright, 1, vertical, upright.levers[1], by_sway - bias[0])
+    M = _moments(upright, 2, vertical, upright.levers[2], by_surge - bias[1])
+    N = _moments(across, 2, horizontal, across.levers[2], -bias[2])
+    tip = (K[0], *each(_tipped, Y[1:], Y[0], K[0], levers.roll_m))
 
-    slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
-    bias = (
-        state.bias[0] + slowly * K[0],
-        state.bias[1] + slowly * M[0],
-        state.bias[2] + slowly * N[0],
-    )
     keep = math.exp(-dt_s / MEMORY_S)
-    by_roll = _summed(state.roll, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
-    by_pitch = _summed(state.pitch, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
     off_centre = OFF_CENTRE_M * OFF_CENTRE_M * (X[0] * X[0] + Y[0] * Y[0])
     aside = math.sqrt(off_centre + EDDIES_NM * EDDIES_NM)
-    by_yaw = _summed(state.yaw, N, y_yaw, slow_r, 0.0, aside, keep)
-    tipped = _summed(state.tipped, tip, y_roll, slow_roll, 0.0, 0.0, keep)
-    pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
-
-    dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
-    if excused_s > 0.0:
-        suspected = 0
-    elif dead == 0:
-        suspected = _suspected(by_yaw, tipped, 1.0)
-        if suspected == 0 and not _doubted(by_yaw) and not _turned_more(by_yaw, by_roll, by_pitch, pitches):
-            found = _suspected(by_roll, by_pitch, pitches)
-            if found > 0 and found == _suspected(
-                by_roll, by_pitch, pitches, levers.roll_doubt_m, levers.pitch_doubt_m
-            ):
-                suspected = found + 4
-    elif dead > 4:
-        suspected = dead if _given_up(by_roll, by_pitch, pitches, dead - 4) else 0
-    else:
-        suspected = dead if _given_up(by_yaw, tipped, 1.0, dead) else 0
-    same = suspected > 0 and suspected == state.suspect.motor
-    suspect = Suspect(suspected, state.suspect.lasts_s + dt_s if same else 0.0)
-    if suspect.lasts_s >= HOLDS_S:
-        excused_s = EXCUSED_S if dead > 0 else 0.0
-        dead, suspect = 0 if dead > 0 else suspected, NOBODY
-    return State(
-        lagged,
-        f,
-        (slow_roll, slow_pitch, slow_p, slow_q, slow_r),
-        bias,
-        by_roll,
-        by_pitch,
-        by_yaw,
-        tipped,
-        suspect,
-        dead,
-        excused_s,
+    yaw = _mean(state.across.first, N, y_yaw, slow_r, 0.0, aside, keep)
+    tipped = _mean(state.across.second, tip, y_roll, slow_roll, 0.0, 0.0, keep)
+    roll = _mean(state.upright.first, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
+    pitch = _mean(state.upright.second, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
+    slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
+    return state._replace(
+        bias=(bias[0] + slowly * K[0], bias[1] + slowly * M[0], bias[2] + slowly * N[0]),
+        across=Shown(yaw, tipped, 1.0),
+        upright=Shown(roll, pitch, _weight(upright)),
     )
 
 
-def _pushes(before: Motors, demands: Motors, strength: float, new: float) -> Motors:
-    """Return the push of each motor as it acts, N."""
-    return (
-        before[0] + (interpolated(demands[0], PUSH) * strength - before[0]) * new,
-        before[1] + (interpolated(demands[1], PUSH) * strength - before[1]) * new,
-        before[2] + (interpolated(demands[2], PUSH) * strength - before[2]) * new,
-        before[3] + (interpolated(demands[3], PUSH) * strength - before[3]) * new,
-        before[4] + (interpolated(demands[4], PUSH) * strength - before[4]) * new,
-        before[5] + (interpolated(demands[5], PUSH) * strength - before[5]) * new,
-        before[6] + (interpolated(demands[6], PUSH) * strength - before[6]) * new,
-        before[7] + (interpolated(demands[7], PUSH) * strength - before[7]) * new,
-    )
+def _weight(upright: Group) -> float:
+    """Return the weight of pitch: 0 where the frame cannot pitch."""
+    return 1.0 if upright.shares[2] > 0.0 else 0.0
 
 
-def _smoothed(before: Motors, now: Motors, new: float) -> Motors:
-    return (
-        before[0] + (now[0] - before[0]) * new,
-        before[1] + (now[1] - before[1]) * new,
-        before[2] + (now[2] - before[2]) * new,
-        before[3] + (now[3] - before[3]) * new,
-        before[4] + (now[4] - before[4]) * new,
-        before[5] + (now[5] - before[5]) * new,
-        before[6] + (now[6] - before[6]) * new,
-        before[7] + (now[7] - before[7]) * new,
-    )
+def _tipped(y: float, y_all: float, K: float, lever_m: float) -> float:
+    """Return the moment in roll without a horizontal motor."""
+    return K - lever_m * (y - y_all)
 
 
 def _moments(group: Group, axis: int, f: Four, lever_m: float, others: float) -> Five:
@@ -306,54 +271,115 @@ def _moments(group: Group, axis: int, f: Four, lever_m: float, others: float) ->
     return (u, u - one, u - two, u - three, u - four)
 
 
-def _summed(before: Sums, v: Five, y: float, s: float, h: float, o: float, keep: float) -> Sums:
+def _mean(before: Sums, v: Five, y: float, s: float, h: float, o: float, keep: float) -> Sums:
     """Return the means of the products after one more of each."""
-    a, b, c, d, e = v
-    new = 1.0 - keep
+    new, vv = 1.0 - keep, before.vv
     return Sums(
-        (
-            keep * before.vv[0] + new * a * a,
-            keep * before.vv[1] + new * b * b,
-            keep * before.vv[2] + new * c * c,
-            keep * before.vv[3] + new * d * d,
-            keep * before.vv[4] + new * e * e,
+        vv=(
+            keep * vv[0] + new * v[0] * v[0],
+            keep * vv[1] + new * v[1] * v[1],
+            keep * vv[2] + new * v[2] * v[2],
+            keep * vv[3] + new * v[3] * v[3],
+            keep * vv[4] + new * v[4] * v[4],
         ),
-        (
-            keep * before.vu[0] + new * a * a,
-            keep * before.vu[1] + new * b * a,
-            keep * before.vu[2] + new * c * a,
-            keep * before.vu[3] + new * d * a,
-            keep * before.vu[4] + new * e * a,
-        ),
-        (
-            keep * before.vy[0] + new * a * y,
-            keep * before.vy[1] + new * b * y,
-            keep * before.vy[2] + new * c * y,
-            keep * before.vy[3] + new * d * y,
-            keep * before.vy[4] + new * e * y,
-        ),
-        (
-            keep * before.vs[0] + new * a * s,
-            keep * before.vs[1] + new * b * s,
-            keep * before.vs[2] + new * c * s,
-            keep * before.vs[3] + new * d * s,
-            keep * before.vs[4] + new * e * s,
-        ),
-        (
-            keep * before.vh[0] + new * a * h,
-            keep * before.vh[1] + new * b * h,
-            keep * before.vh[2] + new * c * h,
-            keep * before.vh[3] + new * d * h,
-            keep * before.vh[4] + new * e * h,
-        ),
-        keep * before.yy + new * y * y,
-        keep * before.ys + new * y * s,
-        keep * before.ss + new * s * s,
-        keep * before.yh + new * y * h,
-        keep * before.sh + new * s * h,
-        keep * before.hh + new * h * h,
-        keep * before.oo + new * o * o,
+        vu=_products(before.vu, v, v[0], keep),
+        vy=_products(before.vy, v, y, keep),
+        vs=_products(before.vs, v, s, keep),
+        vh=_products(before.vh, v, h, keep),
+        yy=keep * before.yy + new * y * y,
+        ys=keep * before.ys + new * y * s,
+        ss=keep * before.ss + new * s * s,
+        yh=keep * before.yh + new * y * h,
+        sh=keep * before.sh + new * s * h,
+        hh=keep * before.hh + new * h * h,
+        oo=keep * before.oo + new * o * o,
     )
+
+
+def _products(before: Five, v: Five, other: float, keep: float) -> Five:
+    """Return the means of the products of each v with one number."""
+    new = 1.0 - keep
+    return (
+        keep * before[0] + new * v[0] * other,
+        keep * before[1] + new * v[1] * other,
+        keep * before[2] + new * v[2] * other,
+        keep * before[3] + new * v[3] * other,
+        keep * before[4] + new * v[4] * other,
+    )
+
+
+def judged(state: State, levers: Levers, dt_s: float) -> State:
+    """Suspect a motor, or doubt that the dead one pushes nothing; after HOLDS_S believe it."""
+    dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
+    motor = 0
+    if excused_s == 0.0 and dead == 0:
+        motor = _suspected(state.across, state.upright, levers)
+    elif excused_s == 0.0:
+        group = state.upright if dead > HORIZONTAL else state.across
+        motor = dead if _given_up(group, dead - HORIZONTAL if dead > HORIZONTAL else dead) else 0
+    same = motor > 0 and motor == state.suspect.motor
+    suspect = Suspect(motor, state.suspect.lasts_s + dt_s if same else 0.0)
+    if suspect.lasts_s >= HOLDS_S:
+        excused_s = EXCUSED_S if dead > 0 else 0.0
+        dead, suspect = 0 if dead > 0 else motor, NOBODY
+    return state._replace(suspect=suspect, dead=dead, excused_s=excused_s)
+
+
+def _suspected(across: Shown, upright: Shown, levers: Levers) -> int:
+    """Return which motor gives no thrust, 1 to 8; 0 for none.
+
+    A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like the loss of a
+    vertical motor: while more is left in yaw than in roll and pitch, none is suspected.
+    """
+    motor = _of_group(across, 0.0, 0.0)
+    aside = left(across.first, 0)
+    turned_more = aside > LEAST_NM * LEAST_NM and aside > left_in(upright, 0, 0.0, 0.0)
+    if motor > 0 or _doubted(across.first) or turned_more:
+        return motor
+    motor = _of_group(upright, 0.0, 0.0)
+    same = motor > 0 and motor == _of_group(upright, levers.roll_doubt_m, levers.pitch_doubt_m)
+    return motor + HORIZONTAL if same else 0
+
+
+def _of_group(shown: Shown, first_z: float, second_z: float) -> int:
+    """Return which motor of a group gives no thrust, 1 to 4; 0 for none. z stays within ± the given."""
+    whole = left_in(shown, 0, first_z, second_z)
+    if not whole > _least(shown):
+        return 0
+    found, least, others = 0, whole, whole
+    for motor in range(1, 5):
+        one = left_in(shown, motor, first_z, second_z)
+        if one < least:
+            found, least, others = motor, one, least
+        elif one < others:
+            others = one
+    if found == 0 or not least < EXPLAINS * others:
+        return 0
+    weak = _left_weak(shown.first, found, first_z) + shown.weight * _left_weak(shown.second, found, second_z)
+    return found if least < weak else 0
+
+
+def _least(shown: Shown) -> float:
+    """Return the mean square that says nothing, (N·m)²."""
+    return LEAST_NM * LEAST_NM + shown.first.oo + shown.second.oo
+
+
+def _doubted(sums: Sums) -> bool:
+    """Tell whether the loss of any motor explains a turn better than no loss."""
+    whole = left(sums, 0)
+    least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
+    return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
+
+
+def _given_up(shown: Shown, motor: int) -> bool:
+    """Tell whether it is no longer clear that a motor that was found dead pushes nothing."""
+    whole, lost = left_in(shown, 0, 0.0, 0.0), left_in(shown, motor, 0.0, 0.0)
+    return lost > _least(shown) and lost > DOUBTED * whole
+
+
+def left_in(shown: Shown, hypothesis: int, first_z: float, second_z: float) -> float:
+    """Return what a hypothesis leaves in both axes."""
+    return left(shown.first, hypothesis, first_z) + shown.weight * left(shown.second, hypothesis, second_z)
 
 
 def left(sums: Sums, hypothesis: int, most_z: float = 0.0) -> float:
@@ -395,52 +421,3 @@ def _fitted(vv: float, vy: float, vs: float, yy: float, ys: float, ss: float) ->
     k = clamped((c * vs - ys) / ss, 0.0, MOST_RIGHTING)
     c = clamped((vy + k * vs) / vv, LEAST_GAIN, MOST_GAIN)
     return c, k, yy - 2.0 * c * vy + c * c * vv + 2.0 * k * ys - 2.0 * c * k * vs + k * k * ss
-
-
-def _least(first: Sums, second: Sums) -> float:
-    """Return the mean square that says nothing, (N·m)²."""
-    return LEAST_NM * LEAST_NM + first.oo + second.oo
-
-
-def _suspected(
-    first: Sums, second: Sums, weight: float, most_z: float = 0.0, second_most_z: float = 0.0
-) -> int:
-    """Return which motor of a group gives no thrust, 1 to 4; 0 for none. The second axis has a `weight`."""
-    whole = left(first, 0, most_z) + weight * left(second, 0, second_most_z)
-    if not whole > _least(first, second):
-        return 0
-    found, least, others = 0, whole, whole
-    for motor in range(1, 5):
-        one = left(first, motor, most_z) + weight * left(second, motor, second_most_z)
-        if one < least:
-            found, least, others = motor, one, least
-        elif one < others:
-            others = one
-    if found == 0 or not least < EXPLAINS * others:
-        return 0
-    weak = _left_weak(first, found, most_z) + weight * _left_weak(second, found, second_most_z)
-    return found if least < weak else 0
-
-
-def _doubted(sums: Sums) -> bool:
-    """Tell whether the loss of any motor explains a turn better than no loss."""
-    whole = left(sums, 0)
-    least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
-    return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
-
-
-def _turned_more(yaw: Sums, first: Sums, second: Sums, weight: float) -> bool:
-    """Tell whether more is left of a turn than of roll and pitch.
-
-    A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like the loss of a
-    vertical motor.
-    """
-    aside = left(yaw, 0)
-    return aside > LEAST_NM * LEAST_NM and aside > left(first, 0) + weight * left(second, 0)
-
-
-def _given_up(first: Sums, second: Sums, weight: float, motor: int) -> bool:
-    """Tell whether it is no longer clear that a motor that was found dead pushes nothing."""
-    whole = left(first, 0) + weight * left(second, 0)
-    without = left(first, motor) + weight * left(second, motor)
-    return without > _least(first, second) and without > DOUBTED * whole
