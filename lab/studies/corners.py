@@ -7,8 +7,8 @@ frequencies.
 
 import argparse
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
+from collections.abc import Iterable, Sequence
+from itertools import product, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +43,13 @@ SHARE, SLOWEST_HZ, WINDOW_S, SEA_COUNTS, TICK_S = 0.12, 0.4, 1.25, 1.5, 0.02
 
 
 class Cell(NamedTuple):
-    """One vehicle and one link; the gain is that of all axes, or of heave alone."""
+    """One vehicle and one link; the gain is that of all axes."""
 
     gain: float
     lag_s: float
     delay_ms: float
     hidden_ms: float
     water: str
-    heave_alone: bool = False
 
 
 def corners() -> list[Cell]:
@@ -61,8 +60,7 @@ def corners() -> list[Cell]:
 def plant(base: SimConfig, cell: Cell, seed: int) -> SimConfig:
     """Return the vehicle of a cell: `base` with other thrusters, later sensors and its water."""
     draw, rough = np.random.default_rng((seed, 2)).uniform, cell.water == "waves"
-    rest = 1.0 if cell.heave_alone else cell.gain
-    thrusters = replace(base.thrusters, axis_gain=(rest, rest, cell.gain, rest, rest, rest), lag_s=cell.lag_s)
+    thrusters = replace(base.thrusters, axis_gain=(cell.gain,) * 6, lag_s=cell.lag_s)
     return water(
         later(replace(base, thrusters=thrusters), 1e-3 * cell.hidden_ms),
         depth_m=START_M,
@@ -83,11 +81,14 @@ def dive(cell: Cell, config: Config, base: SimConfig, seed: int, duration_s: flo
     half_s, target = 0.5e-3 * cell.delay_ms, Setpoint((0.0, 0.0, DEPTH_M, 0.0))
     link = LinkDelay(up_s=0.001 + half_s, down_s=0.001 + half_s)
     with engaging(config, plant(base, cell, seed), target, seed, link) as loop:
-        steps, gave_up = _engaged(loop.run(ENGAGED_WITHIN_S + duration_s), duration_s)
-    cycles, depth_rms_mm = [math.nan] * len(PLACES), math.nan
-    if len(steps) < round(WINDOW_S / TICK_S):
-        gave_up = gave_up or "too short"
-    else:
+        whole = list(loop.run(ENGAGED_WITHIN_S + duration_s))
+    active = [step.sample.verdict.state is State.ACTIVE for step in whole]
+    begun = active.index(True) if any(active) else len(whole)
+    steps = [*takewhile(lambda step: step.sample.verdict.state is State.ACTIVE, whole[begun:])]
+    ended, wanted = begun + len(steps), round(duration_s / TICK_S)
+    gave_up = "" if len(steps) >= wanted else whole[min(ended, len(whole) - 1)].sample.verdict.reason
+    steps, cycles, depth_rms_mm = steps[:wanted], [math.nan] * len(PLACES), math.nan
+    if len(steps) >= round(WINDOW_S / TICK_S):
         cycles = limit_cycles(steps, config, cell)
         settled = steps[round(SETTLED_S / TICK_S) :]
         depth_rms_mm = recorded(settled).figures()["depth_rms_mm"] if settled else math.nan
@@ -96,22 +97,8 @@ def dive(cell: Cell, config: Config, base: SimConfig, seed: int, duration_s: flo
     return {"gave_up": gave_up, "held": held, "depth_rms_mm": depth_rms_mm} | named
 
 
-def _engaged(dived: Iterator[Step], duration_s: float) -> tuple[list[Step], str]:
-    """Return the steps while it is held, and why it was not held to the end."""
-    steps: list[Step] = []
-    for step in dived:
-        if step.sample.verdict.state is State.ACTIVE:
-            steps.append(step)
-            if len(steps) * TICK_S >= duration_s:
-                return steps, ""
-        elif steps:
-            return steps, step.sample.verdict.reason
-    return steps, "engaged too late" if steps else "not engaged"
-
-
 def limit_cycles(steps: Sequence[Step], config: Config, cell: Cell) -> list[float]:
     """Return the longest limit cycle of each of PLACES, s."""
-    rest = 1.0 if cell.heave_alone else cell.gain
     thrusters, most = assembly.thrusters(config), config.levelling.max_axis
     tilts = delivered(thrusters, AxisCommand(roll=most, pitch=most), T200_VOLTAGE_V)[4:]
     largest = np.array([axis.max_force for axis in config.axes] + [*tilts])
@@ -119,12 +106,7 @@ def limit_cycles(steps: Sequence[Step], config: Config, cell: Cell) -> list[floa
     demand = np.array(
         [(*now.dofs.tau, *delivered(thrusters, now.command, now.state.voltage_v)[4:]) for now in samples]
     )
-    sea = np.array([step.truth.disturbance for step in steps])[:, [0, 1, 2, 5]] / (
-        rest,
-        rest,
-        cell.gain,
-        rest,
-    )
+    sea = np.array([step.truth.disturbance for step in steps])[:, [0, 1, 2, 5]] / cell.gain
     sea = np.hstack([sea, np.zeros((len(steps), 2))])
     longest: list[float] = cycles_s(np.clip(demand, -largest, largest), largest, sea).tolist()
     return longest
