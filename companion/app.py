@@ -104,8 +104,8 @@ class App:
         self._period_ns = round(NS_PER_S / config.loop.rate_hz)
         self._periods = self._ticks = self._late_ticks = self._compute_ns = 0
         self._failed_tick = -RIDE_OUT_TICKS
-        self._said = self._saying = ("", "")
-        """State and words: what was said last, and what is to be."""
+        self._said = self._saying = ("", "", "", "")
+        """State, reason, remedy and what is pending: what was said last, and what is to be."""
         self._said_ns = self._saying_ns = self._fed_ns = self._drawn_ns = 0
         self._drawn = (-1, "")
         self._drawing: Task[Plan] | None = None
@@ -341,16 +341,18 @@ class App:
 
     def _report(self, now_ns: int, sample: ControlSample) -> None:
         """Feed the watchdog; say what changed, and every few seconds how it goes."""
-        verdict, vehicle, endpoint = sample.verdict, self._config.vehicle, self._config.telemetry.endpoint
-        words = advised(f"{verdict.state}: {verdict.reason}", whole(verdict.remedy, vehicle.name, endpoint))
-        said = str(verdict.state), "; ".join(filter(None, (words, on_engaging(sample.guided.pending))))
-        if said != self._saying:
-            self._saying, self._saying_ns = said, now_ns
+        verdict = sample.verdict
+        saying = (str(verdict.state), verdict.reason, verdict.remedy, sample.guided.pending)
+        if saying != self._saying:
+            self._saying, self._saying_ns = saying, now_ns
         settled = now_ns - self._saying_ns > SETTLED_S * NS_PER_S
-        if said != self._said and (settled or (said[0] != self._said[0] and self._said[0])):
-            self._said = said
-            log.info("%s", said[1])
-            notify(f"STATUS={said[1]}")
+        if saying != self._said and (settled or (saying[0] != self._said[0] and self._said[0])):
+            self._said = saying
+            name, endpoint = self._config.vehicle.name, self._config.telemetry.endpoint
+            words = advised(f"{verdict.state}: {verdict.reason}", whole(verdict.remedy, name, endpoint))
+            words = "; ".join(filter(None, (words, on_engaging(sample.guided.pending))))
+            log.info("%s", words)
+            notify(f"STATUS={words}")
         if now_ns - self._fed_ns > WATCHDOG_PERIOD_S * NS_PER_S:
             self._fed_ns = now_ns
             notify("WATCHDOG=1")

@@ -78,9 +78,7 @@ class FrameModel(Section, frozen=True):
         Literal["vectored", "vectored_6dof"], means("FRAME_CONFIG 1, six thrusters; or 2, eight thrusters")
     ] = "vectored_6dof"
     coriolis_share: Annotated[float, within(0.0, 1.0, "what is there of the masses' Coriolis force")] = 1.0
-    yaw_per_sway_ns: Annotated[
-        float, within(-8.0, 8.0, "N·m in yaw for each m/s to the right", "N·s", remedy=SCALE)
-    ] = 0.0
+    yaw_per_sway_ns: Annotated[float, within(-8.0, 8.0, "yaw moment by sway", "N·s", remedy=SCALE)] = 0.0
 
 
 class VehicleSection(FrameModel, frozen=True):
@@ -115,9 +113,7 @@ class LinkSection(Section, frozen=True):
     vehicle_component: Annotated[SystemId, means("the autopilot's component")] = 1
     signing_key_file: Annotated[str, means("of the key, docs/wiring.md; empty for none")] = ""
     signing_link_id: Annotated[int, within(0, 255, "in our signatures; each sender needs its own")] = 25
-    allow: Annotated[
-        tuple[str, ...], means("udp-listen: permitted networks, 192.168.2.0/24; [] for any")
-    ] = ()
+    allow: Annotated[tuple[str, ...], means("udp-listen: permitted senders, [] for any")] = ()
 
 
 class GroundStation(Section, frozen=True):
@@ -129,9 +125,7 @@ class GroundStation(Section, frozen=True):
         Literal["hold", "surface", "silence"],
         means("if the pilot is lost: surface: ramp down and hand over to SURFACE; silence; hold: go on"),
     ] = "surface"
-    full_deflection: Annotated[
-        float, within(0.5, 1.0, "stick deflection that overrides its axis; less moves the setpoint")
-    ] = 0.95
+    full_deflection: Annotated[float, within(0.5, 1.0, "a stick so far out overrides its axis")] = 0.95
     full_deflection_s: Annotated[Patience, means("when the deflection lasts this long")] = 0.3
     engage_button: Annotated[Button, means("clears a fault and engages; -1 for none")] = -1
     release_button: Annotated[Button, means("releases all axes; -1 for none")] = -1
@@ -149,12 +143,8 @@ class AxisModel(Section, frozen=True):
     """What is believed of one axis, the nominal model: m, N and kg."""
 
     mass: Annotated[float, within(1.0, 1000.0, "with the water carried along", "kg", remedy=SCALE)] = 17.5
-    linear_damping: Annotated[
-        float, within(0.0, 300.0, "force at speed v: linear_damping v + ...", "N·s/m", remedy=SCALE)
-    ] = 8.0
-    quadratic_damping: Annotated[
-        float, within(0.0, 1000.0, "... + quadratic_damping v abs(v)", "N·s²/m²", remedy=SCALE)
-    ] = 95.0
+    linear_damping: Annotated[float, within(0.0, 300.0, "by speed v", "N·s/m", remedy=SCALE)] = 8.0
+    quadratic_damping: Annotated[float, within(0.0, 1000.0, "by v abs(v)", "N·s²/m²", remedy=SCALE)] = 95.0
     max_force: Annotated[float, within(0.1, 500.0, "the law asks for no more", "N")] = 70.0
 
 
@@ -236,9 +226,7 @@ class TiltModel(Section, frozen=True):
     roll_righting_nm: Annotated[Righting, means("weight times metacentric height; 0: not known")] = 0.0
     pitch_righting_nm: Annotated[Righting, means("as roll_righting_nm")] = 0.0
     max_moment_nm: Annotated[Moment, means("largest moment for levelling")] = 12.0
-    max_axis: Annotated[
-        float, within(0.01, 0.49, "largest roll or pitch demand; 0.5 (200 us) capsizes a Heavy")
-    ] = 0.48
+    max_axis: Annotated[float, within(0.01, 0.49, "of roll and pitch; 0.5 capsizes a Heavy")] = 0.48
 
 
 class LevellingSection(TiltModel, frozen=True):
@@ -290,25 +278,17 @@ class SupervisorLimits(Section, frozen=True):
     late_tick_s: Annotated[Timeout, means("thrust is neutral after a later tick")] = 0.3
     ramp_up_s: Annotated[Ramp, means("from zero to full authority after engaging")] = 1.0
     ramp_down_s: Annotated[Ramp, means("and back after a release")] = 1.0
-    max_pilot_timeout_s: Annotated[
-        float, within(0.1, 3.0, "engaging is refused if FS_PILOT_TIMEOUT is longer or FS_PILOT_INPUT is 0")
-    ] = 3.0
+    max_pilot_timeout_s: Annotated[float, within(0.1, 3.0, "longest FS_PILOT_TIMEOUT to engage with")] = 3.0
     pilot_deflection: Annotated[float, within(0.02, 0.5, "another sender's stick that is a takeover")] = 0.1
     pilot_hold_s: Annotated[Ramp, means("it lasts this long after the last deflection")] = 1.0
     max_depth_m: Annotated[float, within(0.5, 1000.0, "deepest setpoint")] = 100.0
     min_altitude_m: Annotated[ranges.Altitude, means("lowest altitude over the ground to ask for")] = 0.5
-    max_tilt_deg: Annotated[
-        float, within(10.0, 89.0, "from the held roll or pitch; beyond, only heave and levelling remain")
-    ] = 60.0
+    max_tilt_deg: Annotated[float, within(10.0, 89.0, "from the held angle; beyond, heave alone")] = 60.0
     depth_margin_m: Annotated[float, within(0.0, 20.0, "above the surface and below max_depth_m")] = 2.0
     max_depth_jump_m: Annotated[Distance, means("a depth further from the predicted one is rejected")] = 0.5
-    max_ekf_variance: Annotated[
-        float, within(0.05, 10.0, "of EKF_STATUS_REPORT: compass, velocity, depth; it gives up if larger")
-    ] = 0.8
+    max_ekf_variance: Annotated[float, within(0.05, 10.0, "largest of compass, velocity and depth")] = 0.8
     ekf_doubt_s: Annotated[Patience, means("for this time, as in the firmware's failsafe")] = 2.0
-    min_voltage_v: Annotated[
-        float, within(6.0, 30.0, "lower: warn, refuse to engage (4S: 3.25 V a cell)")
-    ] = 13.0
+    min_voltage_v: Annotated[float, within(6.0, 30.0, "lower: warn, refuse (4S: 3.25 V a cell)")] = 13.0
     battery_low_s: Annotated[Patience, means("for this time")] = 5.0
     saturated_s: Annotated[Patience, means("an axis saturated for this long: warn, freeze learning")] = 5.0
     max_error_m: Annotated[Distance, means("a larger error: Holdfast hands over to ALT_HOLD")] = 1.0
@@ -317,9 +297,7 @@ class SupervisorLimits(Section, frozen=True):
     max_delay_s: Annotated[LoopDelay, means("in all; Holdfast hands over beyond it")] = 0.3
     max_innovation_m: Annotated[Distance, means("largest mean of measured minus predicted")] = 0.1
     max_innovation_deg: Annotated[AngleDeg, means("the same of the heading")] = 10.0
-    keep_alt_hold_s: Annotated[
-        ranges.Hour, means("neutral frames after a hand-over, against FS_PILOT_INPUT")
-    ] = 60.0
+    keep_alt_hold_s: Annotated[ranges.Hour, means("neutral frames after a hand-over")] = 60.0
 
 
 class FenceSection(Section, frozen=True):

@@ -104,9 +104,8 @@ class BootClock:
         return self._nearest(stamp / 1e6, WRAP_US_S)
 
     def _nearest(self, boot_s: float, wrap_s: float) -> float:
-        if self.last_s is None:
-            return boot_s
-        return boot_s + wrap_s * max(0, round((self.last_s - boot_s) / wrap_s))
+        wraps = 0 if self.last_s is None else max(0, round((self.last_s - boot_s) / wrap_s))
+        return boot_s + wrap_s * wraps
 
 
 class Decoder:

@@ -44,8 +44,7 @@ class Freshness:
                 fresh.append(Reboot(event.t_s))
             elif boot_s <= last_s:
                 continue
-            if self._strange:
-                self._strange.pop(kind, None)
+            self._strange.pop(kind, None)
             self._last_s[kind] = boot_s
             self._offset_s = offset_s if self._offset_s == math.inf else max(self._offset_s, offset_s)
             fresh.append(event)

@@ -91,8 +91,7 @@ def _format(message_id: int) -> _Format:
         frozen=True,
         gc=False,
     )
-    is_plain = not any(kind.array_lengths)
-    return _Format(record, kind.unpacker, tuple(kind.lengths), is_plain)
+    return _Format(record, kind.unpacker, tuple(kind.lengths), is_plain=not any(kind.array_lengths))
 
 
 _extras: Final = {key: bytes((kind.crc_extra,)) for key, kind in mavlink.mavlink_map.items()}
