@@ -22,7 +22,6 @@ from companion.supervision.conditions import (
     BLOCKING,
     FREEZES,
     MOST_INTERRUPTED,
-    NOTHING,
     SAMPLE_S,
     WARNS,
 )
@@ -49,10 +48,49 @@ only in ACTIVE, in RAMP_DOWN and at the start of HAND_OVER, scaled by the *autho
 which rises over `ramp_up_s` after engaging and falls over `ramp_down_s` on release. A fault, a pilot's
 takeover or disarming sets it to 0 at once. The default is to refuse.
 
-A request to engage is accepted if nothing but the flight mode is missing, or arming if `--arm` permits it;
-otherwise it is refused at once, with the reason. Holdfast then reads FS_PILOT_INPUT and FS_PILOT_TIMEOUT
-again, and does not engage until the autopilot answers. A request by command or button is withdrawn if it
-does not succeed within {ENGAGE_S:g} s; that of `run --engage` waits.
+A request to engage is refused at once, with the reason, if more is missing than the flight mode, and arming
+where `--arm` permits it. Else Holdfast reads FS_PILOT_INPUT and FS_PILOT_TIMEOUT again, and engages when the
+autopilot has answered. A request by command or button lasts {ENGAGE_S:g} s; that of `run --engage` waits.
+"""
+
+INTERRUPTIONS = f"""\
+## Short interruptions
+
+While ACTIVE, thrust is neutral as soon as depth or attitude is older than its timeout, or a tick was later
+than `late_tick_s` (INTERRUPTED). Setpoint, path and held axes stay. When telemetry and ticks are back,
+Holdfast goes on from where the vehicle is, without what the compensator had learnt. UNSTEADY warns until
+{STEADY_S:g} s after the last pause.
+
+While ACTIVE, LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE begin only after `link_timeout_s` (depth
+and attitude {SAMPLE_S:g} s later, a sample of a slow source), or at their own timeouts if the interruptions
+add up to {MOST_INTERRUPTED:g} times `link_timeout_s`; each second without one subtracts {RECOVERS_PER_S:g} s.
+
+If only telemetry is interrupted, the vehicle gets neutral frames: it drifts, rises or sinks. If commands do
+not reach it, or this process pauses, the vehicle **keeps the last command**: only the pilot-input failsafe
+stops it, after FS_PILOT_TIMEOUT (3 s); RC_OVERRIDE_TIME does so only with an RC receiver.
+"""
+
+TILT = f"""\
+## When it tilts
+
+Tilt alone does not release the vehicle: its cause (a load, a tether, a dead thruster) may also sink it, and
+the autopilot would disarm it 3 s later. Holdfast removes the forces that increase the tilt, and keeps those
+that hold the depth:
+
+| larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
+|---|---|
+| up to {_deg(LEVEL_RAD)}° | everything |
+| {_deg(LEVEL_RAD)} to {_deg(STEEP_RAD)}° | everything; horizontal force and setpoint speeds decrease |
+| {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
+heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
+| beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
+| this for `off_track_s`, and 0.3 m from its depth | nothing: TILT PERSISTS hands over |
+
+From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave: the force stays vertical.
+
+The frame with six thrusters cannot produce a pitch moment: the limit of its horizontal force starts at
+{UNLEVELLED_N:g} N, rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by {_deg(UNLEVELLED_ALARM_RAD)}°,
+and then stays below that force. The vehicle may drift; SATURATED warns.
 """
 
 HAND_OVER = f"""\
@@ -73,122 +111,60 @@ frame every {KEEP_ALIVE_S:g} s while ALT_HOLD holds depth; the state stays HAND_
 steering that it sees, a mode change, a `release` or the end of `keep_alt_hold_s` ends this. Then Holdfast
 is silent in state PILOT, and the autopilot's failsafes act as without Holdfast.
 
-When the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot surfaces), `keep_alt_hold_s`
-does not apply. At the surface the firmware changes from SURFACE to ALT_HOLD by itself; the neutral frames
-continue until a pilot steers.
+`keep_alt_hold_s` does not apply when the vehicle surfaces (the pilot was lost, or a failsafe of the autopilot
+surfaces; at the surface the firmware changes to ALT_HOLD by itself), nor after a hand-over because of tilt:
+a disarmed vehicle could sink. The neutral frames continue until somebody takes over.
 
 EKF UNHEALTHY, DEPTH OUT OF BOUNDS, AUTOPILOT FAILSAFE and TICK LATE ramp down to neutral instead.
 Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral at once.
 """
 
-TILT = f"""\
-## When it tilts
-
-Tilt alone does not release the vehicle: its cause (a load, a tether, a dead thruster) may also sink it, and
-the autopilot would disarm it 3 s later. Holdfast first removes the forces that increase the tilt, and keeps
-those that hold the depth:
-
-| larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
-|---|---|
-| up to {_deg(LEVEL_RAD)}° | everything |
-| {_deg(LEVEL_RAD)} to {_deg(STEEP_RAD)}° | \
-everything; horizontal force and setpoint speeds decrease with the tilt |
-| {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
-heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
-| beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
-| this for `off_track_s`, and 0.3 m from its depth | \
-nothing: TILT PERSISTS hands over (STABILIZE, then ALT_HOLD) |
-
-From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave, so that the force stays
-vertical.
-
-The frame with six thrusters cannot produce a pitch moment. For this frame the limit of the horizontal
-force starts at {UNLEVELLED_N:g} N and rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by
-{_deg(UNLEVELLED_ALARM_RAD)}°. Then it stays below the force that caused this tilt. The vehicle stays level
-and keeps depth and heading, but may drift; SATURATED warns.
-
-After a hand-over because of tilt `keep_alt_hold_s` does not apply: silence would disarm the vehicle, and it
-could sink. The neutral frames continue until somebody steers, changes the mode or sends `release`.
-"""
-
-
-INTERRUPTIONS = f"""\
-## Short interruptions
-
-While ACTIVE, thrust is neutral as soon as depth or attitude is older than its timeout, or a tick was later
-than `late_tick_s` (INTERRUPTED). Setpoint, path and held axes stay. When telemetry and ticks are back,
-Holdfast engages again from where the vehicle is, and goes on; what the compensator learnt is forgotten.
-UNSTEADY warns once; it ends {STEADY_S:g} s after the last pause.
-
-While ACTIVE, LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE begin only after `link_timeout_s` (depth
-and attitude {SAMPLE_S:g} s later, the time of a sample of a slow source). They begin at their own timeouts
-if the interruptions add up to {MOST_INTERRUPTED:g} times `link_timeout_s`; each second without one subtracts
-{RECOVERS_PER_S:g} s from this sum.
-
-If only telemetry is interrupted, the vehicle gets neutral frames meanwhile: it drifts, rises or sinks. If
-commands do not reach it, or this process pauses, the vehicle **keeps the last command**: only the
-pilot-input failsafe stops it, after FS_PILOT_TIMEOUT (3 s); RC_OVERRIDE_TIME does so only with an RC
-receiver.
-"""
-
 
 def page() -> str:
     """Return the whole page."""
-    limits = load_config().supervisor
-    parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(limits)]
+    parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(load_config().supervisor)]
     return "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER])
 
 
 def _states() -> Iterator[str]:
     yield (
-        "Every screen, the log and the ground station use these words. The reason of a state is its "
-        "[condition](#conditions). Its advice is shown; if it has none, that of the last column. "
-        "IDLE becomes READY while no condition forbids engaging.\n"
+        "Screens, log and ground station use these words. The advice is that of a state's "
+        "[condition](#conditions), and else that of the last column.\n"
     )
-    lines = ["| state | what it means | on entering | what to do |", "|---" * 4 + "|"]
-    lines += [
-        f"| {title(name)} | {words.text} | {words.severity} | {words.remedy} |"
-        for name, words in STATES.items()
-    ]
-    yield "\n".join([*lines, ""])
+    yield "| state | what it means | on entering | what to do |\n|---|---|---|---|"
+    for name, words in STATES.items():
+        yield f"| {title(name)} | {words.text} | {words.severity} | {words.remedy} |"
     courses = "; ".join(f"{words} (`{kind}`)" for kind, words in COURSES.items())
-    yield f"While ACTIVE, `guidance` of [State](telemetry.md#state) says what Holdfast does: {courses}.\n"
+    yield f"\nWhile ACTIVE, `guidance` of [State](telemetry.md#state) says what Holdfast does: {courses}.\n"
 
 
 def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield (
-        "If several conditions hold, screens name first the one that is higher in this table, and show its "
-        "remedy. *Effect*: what the condition does if it holds alone. After a FAULT, remove the cause and "
-        "[clear the fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
+        "If several conditions hold, screens name first the one that is higher in this table. *Effect*: what "
+        "it does alone. After a FAULT, remove the cause and [clear the "
+        "fault](wiring.md#how-to-engage-release-and-clear-a-fault).\n"
     )
-    lines = ["| condition | what is said: when | effect | what to do |", "|---" * 4 + "|"]
+    yield "| condition | what is said: when | effect | what to do |\n|---|---|---|---|"
     for condition in Condition:
         when = KEY.sub(lambda key: f"`{key[0]}={getattr(limits, key[0]):g}`", condition.description)
+        said = f"{condition.text}: {when}" if when else condition.text
         name, remedy = title(condition.name or ""), condition.remedy or "–"
-        lines.append(f"| {name} | {condition.text}{when and ': '}{when} | {_effect(condition)} | {remedy} |")
-    yield "\n".join([*lines, ""])
+        yield f"| {name} | {said} | {_effect(condition)} | {remedy} |"
+    yield ""
 
 
 def _effect(condition: Condition) -> str:
     """Return what a condition alone does: each effect with the states in which it has it."""
     states: dict[str, list[str]] = {}
     for state in State:
-        if (effect := _cell(state, condition)) and not (state is State.READY and effect == State.IDLE):
-            states.setdefault(effect, []).append(title(state))
-    return "; ".join(
-        effect if effect[0].islower() else f"{', '.join(at)} → {title(effect)}"
-        for effect, at in states.items()
-    )
-
-
-def _cell(state: State, condition: Condition) -> str:
-    row = transition(state, condition)
-    if row is not None and not (state is State.IDLE and row is transition(State.IDLE, NOTHING)):
-        return str(row.to)
-    if state is State.IDLE and condition & BLOCKING:
-        return "no engaging"
-    if state is State.ACTIVE and condition is Condition.INTERRUPTED:
-        return "neutral until it ends"
-    if state is State.ACTIVE and condition & WARNS:
-        return "warns, freezes learning" if condition & FREEZES else "warns"
-    return ""
+        row = transition(state, condition)
+        if row is not None and row.when and row.when != BLOCKING:
+            states.setdefault(f"→ {title(row.to)}", []).append(title(state))
+    effects = [f"{', '.join(at)} {effect}" for effect, at in states.items()]
+    if condition & BLOCKING and condition is not Condition.NON_FINITE:
+        effects.insert(0, "no engaging")
+    if condition is Condition.INTERRUPTED:
+        effects.append("neutral until it ends")
+    if condition & WARNS:
+        effects.append("warns, freezes learning" if condition & FREEZES else "warns")
+    return "; ".join(effects)
