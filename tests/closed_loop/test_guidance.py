@@ -184,21 +184,6 @@ def test_what_the_pilot_chose_meanwhile_is_held_when_the_position_returns():
     assert dive.step.sample.eta_d[0] == pytest.approx(dive.step.truth.eta[0], abs=0.1)
 
 
-def test_a_position_that_comes_in_mid_dive_is_taken_up_where_a_setpoint_wants_it():
-    for wanted, takes_up in ((hold(x=0.4, y=0.0, z=2.0), True), (hold(x=math.nan, y=math.nan, z=2.0), False)):
-        dive = Dive(*CALM, setpoint=wanted)
-        dive.tap.to_vehicle.append(Somebody().origin())
-        dive.fault("message_stopped", 6.0, message="LOCAL_POSITION_NED")
-        dive.until(State.ACTIVE)
-        dive.run(2.0)
-        assert not dive.step.sample.dofs.engaged[X]
-        dive.run(8.0 if takes_up else 4.0)
-        assert dive.step.sample.state.ages.position_s < 0.5
-        assert dive.step.sample.dofs.engaged[X] is takes_up
-        if takes_up:
-            assert dive.step.truth.eta[0] == pytest.approx(0.4, abs=0.1)
-
-
 def test_a_path_waits_for_its_position_and_for_the_vehicle():
     dive = held(*CALM)
     dive.engine.guide(

@@ -134,20 +134,6 @@ def test_a_dead_motor_is_named():
     assert "motor 4 gives too little thrust" in look.row("thrusters").found
 
 
-def test_dived_it_does_not_set_the_origin():
-    look = VehicleInspection(DIVED, origin=ORIGIN)
-    assert "the vehicle is dived" in look.inspection.notes[0]
-    assert look.row("EKF origin").grade is Grade.WARNING
-
-
-def test_a_receiver_is_told_from_none():
-    assert VehicleInspection().row("RC receiver").found == "none"
-    look = VehicleInspection("rc_receiver=true")
-    assert look.row("RC receiver").grade is Grade.WARNING
-    look = VehicleInspection("rc_receiver=true", "parameters.RC_OVERRIDE_TIME=-1")
-    assert look.row("RC receiver").grade is Grade.REFUSED
-
-
 def test_a_leak_and_a_tilt_are_no_good_start():
     look = VehicleInspection(DIVED, 'faults=[{kind="leak"}]', "initial.eta=[0,0,1,1.2,0,0]")
     assert look.row("leak").grade is Grade.REFUSED
@@ -176,11 +162,6 @@ def test_beside_a_pilot_with_neutral_sticks_directions_are_reported():
     look = VehicleInspection(DIVED, arm=True, pilot=True, thrusters=True)
     assert look.row("thrusters").grade is Grade.GOOD
     assert look.vehicle.truth().armed
-
-
-def test_beside_a_pilot_a_reversed_motor_is_named():
-    look = VehicleInspection(DIVED, "parameters.MOT_3_DIRECTION=-1", arm=True, pilot=True, thrusters=True)
-    assert "motor 3 pushes in the wrong direction" in look.row("thrusters").found
 
 
 def test_disarmed_in_the_middle_it_ends_and_does_not_arm_again():

@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from virtual import Somebody
 
-from companion.config import AxisSection, Config, load_config
+from companion.config import Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
 from companion.records import Condition, Setpoint, State, Verdict
-from companion.telemetry.commands import COMMANDS, MAX_BYTES, SetEstimator, SetGains, in_words, parse
+from companion.telemetry.commands import COMMANDS, MAX_BYTES
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import status_line
 from lab.loop.lockstep import LinkDelay
@@ -59,15 +59,6 @@ def test_after_a_release_it_says_until_when_somebody_has_to_steer(steered):
         assert left_s[0][0] == pytest.approx(2.5, abs=0.1)
         assert all(left > 0.0 or not armed for left, armed in left_s), "until it is so"
     assert left_s[-1] == (0.0, steered)
-
-
-def test_a_companion_that_may_arm_does_not_ask_the_pilot_to():
-    dive, _ = at_console()
-    dive.run(2.0)
-    assert "that arms it too" in dive.step.sample.verdict.remedy
-    dive, _ = at_console(arm=False)
-    dive.run(2.0)
-    assert dive.step.sample.verdict.remedy == "arm the vehicle"
 
 
 def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind():
@@ -165,13 +156,6 @@ def test_without_permission_nothing_happens(allow, local, says):
     assert dive.engine.config is before
 
 
-@pytest.mark.parametrize(("allow", "local"), [("local", True), ("always", False), ("always", True)])
-def test_with_permission_it_is_done(allow, local):
-    dive, console = at_console(local=local, companion=[f"telemetry.allow_control={allow}"])
-    dive.run(0.1)
-    assert console.tell("setpoint", depth_m=2.0).done
-
-
 @pytest.mark.parametrize(
     ("name", "what", "says"),
     [
@@ -219,12 +203,6 @@ def test_more_than_twofold_at_once_has_to_be_confirmed(console, name, key, now, 
     assert getattr(dive.engine.config.heave, key) == wanted
 
 
-def test_twofold_and_twofold_again_needs_no_confirmation(console):
-    for kappa in (5.0, 2.5):
-        assert console.tell("gains", axis="heave", kappa_per_s=kappa).done
-    assert console.engine.config.heave.kappa_per_s == 2.5
-
-
 @pytest.mark.parametrize(("delay_s", "done"), [(0.0, True), (0.04, False)])
 def test_gains_are_held_against_the_measured_delay(delay_s, done):
     """1/14 + 1/10 = 0.171 s: more than 0.026 + 0.138 s, less than with 80 ms more delay."""
@@ -237,13 +215,6 @@ def test_gains_are_held_against_the_measured_delay(delay_s, done):
         assert "1/lambda + 1/kappa" in reply.said
         assert dive.engine.config.heave.lambda_per_s == 7.0
     assert console.tell("gains", axis="heave", kappa_per_s=9.9).done, "less is always taken"
-
-
-def test_live_limits_are_the_configurations():
-    for command in (SetGains, SetEstimator):
-        for field in set(command.__struct_fields__) - {"axis", "confirm"}:
-            here = json.dumps(_limits(command, field), sort_keys=True)
-            assert here == json.dumps(_limits(AxisSection, field), sort_keys=True)
 
 
 def test_too_many_commands_are_told_so_at_once():
@@ -414,38 +385,6 @@ def test_what_waits_for_engaging_can_be_taken_back_and_nothing_goes_on_while_not
     assert dive.step.sample.eta_d == pytest.approx(held, abs=0.02), "neither the path nor the velocity"
 
 
-@pytest.mark.parametrize(
-    ("name", "payload", "words"),
-    [
-        ("engage", {}, "engage"),
-        ("clear_fault", {}, "clear the fault"),
-        ("setpoint", {"depth_m": 5.0, "heading_deg": 90.0}, "hold depth 5 m, heading 90°"),
-        ("goto", {"x_m": 1.5, "frame": "body"}, "go 1.5 m forward from where it is"),
-        ("follow", {"path": {"name": "ring", "circle": {"radius_m": 1.0}}}, "follow the path ring"),
-        ("follow", {"path": {"name": "a\nb", "circle": {"radius_m": 1.0}}}, "follow the path a\\nb"),
-        ("path", {"action": "pause"}, "pause the path"),
-        ("velocity", {"forward_mps": 0.2, "lasts_s": 2.0}, "move forward 0.2 m/s, lasts 2 s"),
-        (
-            "compensator",
-            {"axis": "heave", "compensator": "observer"},
-            "choose the compensator of heave: observer",
-        ),
-        ("gains", {"axis": "yaw", "kappa_per_s": 9.0}, "set gains of yaw: kappa 9 per s"),
-        ("reset_model", {}, "forget the model that was found"),
-    ],
-)
-def test_an_order_is_reported_in_words(name, payload, words):
-    assert in_words(parse(name, json.dumps(payload).encode())) == words
-
-
-@pytest.mark.parametrize(("name", "words"), [("gains", "set gains"), ("fly", "fly")])
-def test_an_order_that_is_not_understood_is_reported_without_its_fields(name, words):
-    commands = CommandQueue(load_config())
-    commands.put(ReceivedCommand(name, b'{"axis": "roll"}', lambda _: None, True))
-    commands.before_tick(_Untouchable(), 0.0)
-    assert commands.results[0].text.startswith(f"{words}: refused: ")
-
-
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=20), inner, max_size=4),
@@ -485,14 +424,6 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
                 assert not thing.eta_d[2] > engine.config.supervisor.max_depth_m
 
 
-def _limits(struct, field):
-    schema = msgspec.json.schema(struct)
-    found = schema["$defs"][struct.__name__]["properties"][field]
-    return {
-        key: value for key, value in found.items() if key not in ("title", "description", "default", "unit")
-    }
-
-
 class _Untouchable:
     config = load_config()
     verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
@@ -530,7 +461,7 @@ class _Recorder:
 PATH = {"laps": 0, "waypoint": [{"x_m": 0.0, "y_m": 0.0}, {"x_m": 1.0, "y_m": 0.0}], "relative": True}
 
 
-@pytest.mark.parametrize("error", [ZeroDivisionError, OverflowError, IndexError, RecursionError, MemoryError])
+@pytest.mark.parametrize("error", [ZeroDivisionError, MemoryError])
 @pytest.mark.parametrize(
     ("where", "name", "what"),
     [

@@ -107,12 +107,3 @@ def test_with_a_dvl_as_one_was_recorded(base, circles, bound_mm):
     assert all(step.sample.verdict.state is State.ACTIVE for step in steps)
     assert all(all(step.sample.dofs.engaged[:2]) for step in steps)
     assert 1e3 * np.sqrt(np.mean(np.sum(away_m**2, axis=1))) < bound_mm
-
-
-def test_a_position_that_is_silent_for_less_than_its_timeout_is_bridged_by_the_model():
-    silent = 'faults=[{kind="message_stopped", message="LOCAL_POSITION_NED", at_s=20.0, duration_s=0.9}]'
-    dive = current(0.3, 60.0, silent)
-    dive.run(19.9 - dive.t_s)
-    there = np.array(dive.step.truth.eta[:2])
-    moved = np.array([step.truth.eta[:2] for step in dive.run(5.0)]) - there
-    assert np.hypot(*moved.T).max() < 0.015

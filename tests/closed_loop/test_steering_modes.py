@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from virtual import Dive, Somebody, active, hold, shared
+from virtual import Dive, active, hold, shared
 
 from companion.records import PSI, Request, State
 
@@ -50,15 +50,6 @@ def test_a_depth_only_dive_holds_depth_and_the_firmware_the_rest(path):
     assert not any(axes[3] for _, axes in dive.tap.frames), "yaw is the firmware's"
     assert not kept[-1].sample.dofs.engaged[PSI]
     assert kept[-1].sample.state.delays.command_known
-
-
-def test_in_stabilize_a_position_source_lets_it_hold_x_and_y_too():
-    dive = Dive("sensors.dvl=true", companion=DEPTH_ONLY, setpoint=hold(x=0.3, y=-0.2, psi=math.nan))
-    dive.tap.to_vehicle.append(Somebody().origin())
-    dive.until(State.ACTIVE)
-    np.testing.assert_array_equal(dive.step.sample.dofs.engaged, [True, True, True, False])
-    dive.run(12.0)
-    np.testing.assert_allclose(dive.step.truth.eta[:3], [0.3, -0.2, 1.0], atol=0.12)
 
 
 @pytest.mark.parametrize("companion", [(), DEPTH_ONLY], ids=["manual", "stabilize"])

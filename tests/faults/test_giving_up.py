@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import DEPTH_M, Dive, Somebody, active, hold, shared
 
@@ -89,13 +88,6 @@ def test_it_ramps_down_and_rests(act):
     assert dive.state in (State.IDLE, State.READY)
     assert dive.tap.last_thrust_s - left_s <= RAMP_S + 0.05
     assert dive.motors_rest()
-
-
-def test_too_deep_ramps_down():
-    shallow = ["supervisor.max_depth_m=1.1", "supervisor.depth_margin_m=0.1"]
-    dive = active("heave_force.enabled=true", "heave_force.constant_n=20", companion=shallow, seconds=3.0)
-    assert what_ended(dive, carried_off, 3.0) & Condition.DEPTH_OUT_OF_BOUNDS
-    assert dive.state is State.RAMP_DOWN
 
 
 @pytest.mark.parametrize("act", HANDED_OVER, ids=lambda act: act.__name__)
@@ -318,20 +310,6 @@ def test_thrust_at_its_end_for_long_is_reported_and_nothing_is_learnt():
     reported = warned(dive, Condition.SATURATED, 9.0)
     assert reported
     assert not any(any(step.sample.dofs.adapting) for step in reported)
-
-
-def test_a_parameter_that_somebody_changes_is_reported_for_a_while():
-    dive = active(seconds=4.0)
-    dive.tap.to_vehicle.append(Somebody().parameter("FS_PILOT_TIMEOUT", 2.0))
-    reported = warned(dive, Condition.CONFIG_CHANGED, 5.0)
-    assert 1.8 <= len(reported) * 0.02 <= 2.2
-
-
-def test_our_own_change_is_told_too():
-    dive = active(seconds=1.0)
-    config = dive.engine.config
-    dive.engine.retune(replace(config, heave=replace(config.heave, kappa_per_s=9.0)))
-    assert warned(dive, Condition.CONFIG_CHANGED, 1.0)
 
 
 def test_a_failsafe_switched_off_is_seen_even_if_the_notice_of_it_was_lost():

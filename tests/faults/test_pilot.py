@@ -98,20 +98,6 @@ def test_a_stick_on_heave_moves_the_depth_and_leaves_it_where_it_is_let_go(push)
     assert engaged(dive)[HEAVE]
 
 
-@pytest.mark.parametrize("push", [0.5, -0.5])
-def test_a_stick_on_yaw_turns_the_heading_and_leaves_it(push):
-    dive = holding()
-    dive.cockpit.push(yaw=push)
-    dive.run(2.0)
-    dive.cockpit.push()
-    dive.run(1.5)
-    wanted = dive.step.sample.eta_d[3]
-    dive.run(2.0)
-    assert math.copysign(1.0, wanted - 0.3) == math.copysign(1.0, push)
-    assert dive.step.truth.eta[5] == pytest.approx(wanted, abs=0.06)
-    assert dive.step.sample.eta_d[3] == pytest.approx(wanted, abs=0.02)
-
-
 def test_the_setpoint_stops_at_the_surface_and_at_the_deepest_allowed():
     dive = holding(companion=["supervisor.max_depth_m=1.5"])
     for push, depth_m in ((0.6, 1.5), (-0.6, 0.0)):
@@ -334,19 +320,6 @@ def test_buttons_reach_the_vehicle_even_pressed_between_two_ticks_and_count_once
     assert dive.state is State.ACTIVE
 
 
-def test_pitch_and_roll_are_levelled_while_it_holds_and_the_pilots_once_he_has_everything():
-    dive = holding()
-    dive.cockpit.push(s=40, t=-30, enabled_extensions=3)
-    dive.run(0.2)
-    assert abs(channels(dive)[PITCH] - 1500) < 20
-    assert abs(channels(dive)[ROLL] - 1500) < 20
-    dive.cockpit.push(s=40, t=-30, enabled_extensions=3, surge=1.0, yaw=1.0, heave=1.0)
-    dive.until(State.PILOT)
-    dive.cockpit.push(s=40, t=-30, enabled_extensions=3)
-    dive.run(1.0)
-    assert (channels(dive)[PITCH], channels(dive)[ROLL]) == (1540, 1470)
-
-
 def test_a_mode_change_by_a_button_gives_the_pilot_everything():
     dive = holding()
     dive.cockpit.push(buttons=1 << 2)  # ArduSub's default for button 2: depth hold
@@ -361,16 +334,6 @@ def test_sticks_that_stop_coming_are_released():
     dive.run(0.7)
     assert channels(dive)[FORWARD] == 1500
     assert dive.state is State.ACTIVE
-
-
-def test_what_the_law_wants_arrives_whatever_the_pilots_gain():
-    """The same depth is held at full gain."""
-    dive = holding("load={enabled=true, weight_n=10, on_s=0, off_s=1e6}")
-    for _ in range(2):
-        press(dive, 1 << GAIN_UP)
-    assert dive.vehicle.autopilot.pilot.gain == 1.0
-    dive.run(4.0)
-    assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.03)
 
 
 # --- Idle -------------------------------------------------------------------------------------------------
@@ -509,30 +472,12 @@ def test_a_pilot_who_comes_back_gets_the_vehicle():
     assert dive.state is State.PILOT
 
 
-def test_a_ground_station_that_comes_back_without_sticks_lets_it_surface():
-    """Nobody else steers: were we silent now, it would be disarmed on its way."""
-    dive = surfacing()
-    dive.cockpit.alive = True
-    dive.run(5.0)
-    assert dive.state is State.HAND_OVER
-    assert dive.step.truth.armed
-    dive.ask(Request.STOP)
-    assert dive.until(State.PILOT)
-
-
 def test_surfacing_that_somebody_ends_is_not_begun_again():
     dive = surfacing()
     dive.fault("mode", value=ALT_HOLD)
     dive.run(2.0)
     assert dive.step.truth.mode == ALT_HOLD
     assert dive.state is State.PILOT
-
-
-def test_a_vehicle_that_does_not_surface_is_left_to_its_own_failsafe():
-    dive = lost("surface")
-    dive.vehicle.autopilot.set_mode = lambda number: 4
-    dive.run(17.0)
-    assert not dive.step.truth.armed
 
 
 # --- Trouble from the ground station ----------------------------------------------------------------------
@@ -561,20 +506,6 @@ def test_sticks_of_another_system_and_for_another_vehicle_are_none_of_our_busine
     assert channels(dive)[FORWARD] == 1500
     assert all(frame in dive.cockpit.passed for frame in frames)
     assert dive.state is State.ACTIVE
-
-
-def test_thousands_of_sticks_in_one_tick_are_no_more_than_the_last_and_mavlink_1_is_blended_too():
-    dive = holding(seconds=1.0)
-    dive.cockpit.push(surge=0.2)
-    dive.cockpit.extra += [dive.cockpit.frame(dive.cockpit.sticks) * 300]
-    dive.run(0.1)
-    assert channels(dive)[FORWARD] == 1540
-    dive.cockpit.sticks = None
-    message = mavlink.MAVLink_manual_control_message(1, 400, 0, 500, 0, 0)
-    dive.cockpit.extra.append(message.pack(mavlink.MAVLink(None, 255, 190), force_mavlink1=True))
-    dive.run(0.1)
-    assert channels(dive)[FORWARD] == 1580
-    assert steering_bytes(dive.cockpit.passed) == 0
 
 
 def test_where_there_is_a_key_unsigned_sticks_are_neither_obeyed_nor_passed_while_it_holds():

@@ -64,17 +64,6 @@ def test_only_what_is_silent_is_absent():
     assert {"heading_rad", "depth_m"} & set(reported(dive.step).absent) == {"heading_rad"}
 
 
-def test_a_short_silence_is_predicted_over():
-    """Half of attitude_timeout_s, while it turns: the heading goes on."""
-    dive = active(setpoint=None, seconds=5.0)
-    dive.knock(0.6)
-    dive.run(0.1)
-    dive.fault("message_stopped", 0.25, message="ATTITUDE")
-    steps = dive.run(0.2)
-    assert not steps[-1].sample.state.stale[PSI]
-    assert len({step.sample.state.eta[PSI] for step in steps}) == len(steps)
-
-
 @pytest.mark.parametrize("plant", [(), DVL])
 def test_it_starts_anew_when_the_link_returns_and_engages_without_a_step(plant):
     dive = active("current.enabled=true", "current.speed_m_s=0.3", *plant)

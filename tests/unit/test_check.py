@@ -9,7 +9,7 @@ from virtual import Dive, Somebody, active
 
 from companion.config import load_config
 from companion.mavlink.autopilot import Autopilot
-from companion.predive.check import JUDGES, PRESET_OF, Grade, refusals, rows
+from companion.predive.check import JUDGES, Grade, refusals, rows
 from companion.predive.survey import Directions, Observed, Survey
 from companion.predive.table import as_json, from_json, show, worst
 from companion.records import (
@@ -318,11 +318,6 @@ def test_what_has_to_settle_before_engaging_ends_no_hold(good):
     assert said.startswith("EKF: no EKF_STATUS_REPORT arrived. Fix: ")
     assert "; compass: " in said
     assert refusals(listed, holding=True) == ""
-
-
-def test_the_cure_of_a_wrong_frame_is_a_preset_with_that_frame():
-    for frame, preset in PRESET_OF.items():
-        assert load_config(overrides=[f"vehicle.preset={preset}"]).vehicle.frame == frame
 
 
 def test_the_list_comes_back_from_its_json(good):

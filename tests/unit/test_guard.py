@@ -84,18 +84,6 @@ def test_guard_lets_a_fair_command_pass_and_bounds_and_slows_each_axis_alone(axi
     np.testing.assert_allclose(seen, sign * np.minimum(0.1 * np.arange(1, 21), 0.8), atol=1e-12)
 
 
-def test_a_previous_command_that_is_not_finite_counts_as_rest():
-    previous, fair = AxisCommand(math.nan), AxisCommand(0.1, 0.1, 0.1, 0.1)
-    assert guard(fair, PERMITTED, previous, Envelope(1.0, 5.0), 0.02) == fair
-
-
-@pytest.mark.parametrize("axis", AxisCommand._fields)
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_one_axis_that_is_not_finite_makes_all_neutral(axis, value):
-    wanted = AxisCommand(0.1, 0.1, 0.1, 0.1)
-    assert guard(wanted._replace(**{axis: value}), PERMITTED, wanted, Envelope(0.8, 5.0), 0.02) == NEUTRAL
-
-
 def test_an_axis_that_the_pilot_gives_back_starts_from_his_stick():
     sticks, at_rest = AxisCommand(heave=0.9), (True, True, False, True, True, True)
     envelope = Envelope(0.8, 4.0, 0.4)

@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 
 from companion.config import load_config
 from companion.core.reference import ACCELERATION_LAG_S
-from companion.guidance.paths.curve import Curve, Node, straight
 from companion.guidance.paths.shapes import build as built
 from companion.guidance.paths.time_law import TimeLaw, limits, profiled
-from companion.records import ZERO
 from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.plan import Circle, LawnMower, Lemniscate, PathPlan, Waypoint
@@ -183,14 +181,6 @@ def test_a_slower_pace_slows_it_and_none_stops_it_where_it_is_without_a_jump():
     assert speed[t_s > 36.0].max() <= 0.4 * plan.speed_mps + 1e-3
 
 
-def test_a_straight_line_turns_the_short_way_and_rests_at_both_ends():
-    curve = straight((0.0, 0.0, 1.0, 3.0), (0.0, 0.0, 1.0, -3.0))
-    eta, rate, acc = travelled(curve, PathPlan())
-    continuous(eta, rate, acc)
-    assert eta[-1, 3] - eta[0, 3] == pytest.approx(2 * math.pi - 6.0, abs=0.01)
-    assert straight((1.0, 2.0, 3.0, 0.0), (1.0, 2.0, 3.0, 2 * math.pi)) is None
-
-
 @pytest.mark.parametrize(
     ("plan", "said"),
     [
@@ -250,14 +240,6 @@ def test_any_polyline_is_continuous_and_keeps_its_limits(points, corner_m, close
             assert math.hypot(*now.eta_d_ddot[:3]) <= plan.acceleration_mps2 * 1.05
             assert math.dist(now.eta_d[:3], before.eta_d[:3]) <= 0.5 * DT_S + 1e-6
             before = now
-
-
-@pytest.mark.parametrize(
-    ("s", "x"), [(math.nan, 1.0), (math.inf, 1.0), (1.0, math.inf), (1e-9, 1.0), (-1.0, 1.0)]
-)
-def test_a_curve_takes_no_node_that_is_nowhere_or_not_behind_the_one_before(s, x):
-    with pytest.raises(ValueError, match=r"no finite line|too close"):
-        Curve([Node(0.0, ZERO, ZERO, ZERO), Node(s, (x, 0.0, 0.0, 0.0), ZERO, ZERO)])
 
 
 @pytest.mark.parametrize(
