@@ -9,7 +9,7 @@ from msgspec.structs import asdict
 
 from companion import registry
 from companion.config import AxisSection, Config, ConfigError
-from companion.core import allocation, oscillation, reference
+from companion.core import allocation, oscillation, reference, thruster_watch
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
@@ -30,7 +30,7 @@ from companion.core.tilt import (
     TiltLimit,
 )
 from companion.estimation.estimator import Estimator
-from companion.estimation.parameters import hidden_delay_parameters, model_tables, thruster_watch_parameters
+from companion.estimation.observer_design import hidden_delay_parameters, model_tables
 from companion.records import AXES, PSI, Array, vector
 from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
 from companion.supervision.guard import Envelope
@@ -115,7 +115,10 @@ def observers(config: Config) -> Observers:
 
 def parameters(config: Config) -> Parameters:
     """Return what a tick needs to know beforehand."""
-    watch = thruster_watch_parameters(config, thrusters(config))
+    levelling, yaw, lag_s = config.levelling, config.yaw, config.thrusters.lag_s
+    watch = thruster_watch.Parameters(
+        thrusters(config), levelling.roll_inertia, levelling.pitch_inertia, yaw.mass, lag_s
+    )
     return Parameters(observers(config), control(config), actuation(config), watch)
 
 

@@ -26,7 +26,7 @@ from companion.core.tick import (
     retuned,
     start,
 )
-from companion.estimation.parameters import noise_of, tables_in_steps, with_noise
+from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
 from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order

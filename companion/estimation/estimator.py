@@ -20,7 +20,7 @@ from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
 from companion.estimation.heading_watch import HeadingWatch
-from companion.estimation.parameters import noise_of
+from companion.estimation.observer_design import noise_of
 from companion.estimation.resets import (
     POSITION_WARNED_M,
     DepthResets,

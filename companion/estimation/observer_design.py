@@ -8,15 +8,27 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
-from companion.config import ConfigError
-from companion.core.observer import ObserverParameters, ObserverState, ObserverTable
-from companion.records import Array
+from companion.config import Config, ConfigError
+from companion.core.model_learner import Tables
+from companion.core.observer import INTERVALS, ObserverParameters, ObserverState, ObserverTable
+from companion.core.positioning import Model
+from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN
+from companion.records import Array, Z, vector
 from companion.steps import Steps, finish
 
 DOUBLINGS = 40
+"""2^40 ticks: the recursion has settled long before."""
+
 LEAST_LAG_S = 0.02
-"""Shortest thruster lag of a table."""
+"""Shortest thruster lag of a table: a tick."""
+
+TYPICAL_RATE = 0.1
+"""m/s, rad/s: the rate at which the drag is taken for the Kalman gain, about that of a hold in waves."""
+
+QUIET_N = 1.0
+"""Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
 
 class Noise(NamedTuple):
@@ -34,13 +46,83 @@ class Noise(NamedTuple):
     slow_time_s: float
 
 
+def noise_of(config: Config) -> tuple[float, float]:
+    """Return the white noise of depth (m) and heading (rad)."""
+    return config.heave.position_noise, config.yaw.position_noise
+
+
+def with_noise(config: Config, depth: float, heading: float) -> Config:
+    """Return the configuration with other white noise of depth (m) and heading (rad)."""
+    heave, yaw = config.heave, config.yaw
+    return replace(
+        config, heave=replace(heave, position_noise=depth), yaw=replace(yaw, position_noise=heading)
+    )
+
+
+def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
+    """Return the parameters of the observer that looks for hidden delay."""
+    return designed(config, model, Z, QUIET_N, 0.0, config.thrusters.lag_s)
+
+
+def model_tables(config: Config, model: Model) -> list[Tables]:
+    """Return the observers of each degree of freedom, by gain and lag."""
+    return [finish(tables_in_steps(config, model, dof)) for dof in range(len(config.axes))]
+
+
+def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[Tables]:
+    """Return a degree of freedom's observers; done once, `model_tables` then takes no time."""
+    noise = config.axes[dof].disturbance_noise
+    here = yield from _table(config, model, dof, DISTURBANCE_RATIO * noise, 1)
+    control = []
+    for interval in INTERVALS:
+        control.append((yield from _table(config, model, dof, noise, interval)))
+    return Tables(control=vector(control), here=here)
+
+
+def _table(config: Config, model: Model, dof: int, disturbance: float, interval: int) -> Steps[ObserverTable]:
+    """Return the parameters for the nominal vehicle, which stands in the middle, and for those unlike it."""
+    lag_s = config.thrusters.lag_s
+    least_s, most_s = min(LEAST_LAG_S, lag_s), max(MOST_LAG_S, 2.0 * lag_s)
+    lags_s = (least_s, 0.5 * (least_s + lag_s), lag_s, 0.5 * (lag_s + most_s), most_s)
+    half = 0.5 * MOST_LOG_GAIN
+    log_gains = (-MOST_LOG_GAIN, -half, 0.0, half, MOST_LOG_GAIN)
+    rows = []
+    for log_gain in log_gains:
+        for at_s in lags_s:
+            found = designed(config, model, dof, disturbance, log_gain, at_s, interval)
+            rows.append((*found.by_position, *found.by_rate))
+            yield 16
+    return ObserverTable(log_gains, lags_s, config.delays.slow_noise_s, tuple(rows))
+
+
+def designed(
+    config: Config,
+    model: Model,
+    dof: int,
+    disturbance: float,
+    log_gain: float,
+    lag_s: float,
+    interval: int = 1,
+) -> ObserverParameters:
+    """Return the parameters of a degree of freedom that expects so much `disturbance` noise."""
+    axis, g = config.axes[dof], math.exp(log_gain)
+    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
+    noise = Noise(
+        position=axis.position_noise,
+        rate=axis.rate_noise,
+        position_slow=axis.position_noise_slow,
+        rate_slow=axis.rate_noise_slow,
+        disturbance=disturbance,
+        slow_time_s=config.delays.slow_noise_s,
+    )
+    return observer_parameters(model.m[dof] / g, drag / g, lag_s, noise, 1.0 / config.loop.rate_hz, interval)
+
+
 @functools.lru_cache(maxsize=2048)
 def observer_parameters(
     m: float, c: float, thrust_lag_s: float, noise: Noise, dt_s: float, interval: int = 1
 ) -> ObserverParameters:
     """Return the parameters for inertia `m`, drag `c` and a measurement of each kind every `interval` ticks.
-
-    A tick takes `dt_s`.
 
     Raises ConfigError where no finite gain follows: no estimate would be finite from then on.
     """
@@ -61,65 +143,13 @@ def observer_parameters(
     return ObserverParameters(thrust_lag_s, noise.slow_time_s, by_position, by_rate)
 
 
-@functools.lru_cache(maxsize=128)
-def observer_table(
-    m: float,
-    c: float,
-    thrust_lag_s: float,
-    noise: Noise,
-    dt_s: float,
-    most_log_gain: float,
-    most_lag_s: float,
-    interval: int = 1,
-) -> ObserverTable:
-    """Return the parameters for inertia `m`, drag `c` and vehicles unlike it, with it in the middle.
-
-    Raises ConfigError as `observer_parameters` does.
-    """
-    return finish(table_in_steps(m, c, thrust_lag_s, noise, dt_s, most_log_gain, most_lag_s, interval))
-
-
-def table_in_steps(
-    m: float,
-    c: float,
-    thrust_lag_s: float,
-    noise: Noise,
-    dt_s: float,
-    most_log_gain: float,
-    most_lag_s: float,
-    interval: int,
-) -> Steps[ObserverTable]:
-    """Return the same; whoever asks `observer_table` for it then does not wait."""
-    least_s, most_s = min(LEAST_LAG_S, thrust_lag_s), max(most_lag_s, 2.0 * thrust_lag_s)
-    lags_s = (
-        least_s,
-        0.5 * (least_s + thrust_lag_s),
-        thrust_lag_s,
-        0.5 * (thrust_lag_s + most_s),
-        most_s,
-    )
-    half = 0.5 * most_log_gain
-    log_gains = (-most_log_gain, -half, 0.0, half, most_log_gain)
-    rows = []
-    for log_gain in log_gains:
-        g = math.exp(log_gain)
-        for lag_s in lags_s:
-            found = observer_parameters(m / g, c / g, lag_s, noise, dt_s, interval)
-            rows.append((*found.by_position, *found.by_rate))
-            yield 16
-    return ObserverTable(log_gains, lags_s, noise.slow_time_s, tuple(rows))
-
-
 def _stationary_gain(
     m: np.float64, c: np.float64, lag_s: float, noise: Noise, dt_s: float, interval: int
 ) -> Array:
     """Return the Kalman gain (6, 2) to which the Riccati recursion settles (Simon 2006, ch. 7.3)."""
-    A = np.zeros((6, 6))
-    A[0, 0] = A[3, 3] = 1.0
+    A = np.eye(6)
     A[0, 1] = dt_s
-    A[1, 1] = m / (m + dt_s * c)
-    A[1, 2] = dt_s / (m + dt_s * c)
-    A[1, 3] = -dt_s / (m + dt_s * c)
+    A[1, 1:4] = np.array([m, dt_s, -dt_s]) / (m + dt_s * c)
     A[2, 2] = np.exp(-dt_s / lag_s)
     A[4, 4] = A[5, 5] = np.exp(-dt_s / noise.slow_time_s)
     slow = 2.0 * dt_s / noise.slow_time_s
@@ -139,11 +169,11 @@ def _stationary_gain(
     between, added = A, Q
     for _ in range(interval - 1):
         between, added = A @ between, A @ added @ A.T + Q
-    P = stationary_covariance(between, C, added, R)
+    P = _stationary_covariance(between, C, added, R)
     return P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
 
 
-def stationary_covariance(A: Array, C: Array, Q: Array, R: Array) -> Array:
+def _stationary_covariance(A: Array, C: Array, Q: Array, R: Array) -> Array:
     """Return the covariance P (n, n) of the prediction to which the Riccati recursion settles.
 
     P doubles its horizon with each step: 2^n samples after n (Chu, Fan, Lin 2004, the algorithm SDA).

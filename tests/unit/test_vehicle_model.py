@@ -22,8 +22,7 @@ from companion.core.vehicle_model import (
     follow,
     learn,
 )
-from companion.estimation.observer_design import observer_parameters
-from companion.estimation.parameters import TYPICAL_RATE, model_tables, noise
+from companion.estimation.observer_design import designed, model_tables
 from companion.records import PSI, X, Y, Z
 
 CONFIG = load_config()
@@ -140,11 +139,8 @@ def test_the_nominal_observer_is_in_the_table():
 
 
 def test_between_its_nodes_the_table_is_near_the_riccati_equation():
-    drag = MODEL.d1[Z] + TYPICAL_RATE * MODEL.d2[Z]
-    noises = noise(CONFIG, Z, CONFIG.heave.disturbance_noise)
     for log_gain, lag_s in ((0.35, 0.12), (-1.0, 0.2), (0.9, 0.06)):
-        g = math.exp(log_gain)
-        exact = observer_parameters(MODEL.m[Z] / g, drag / g, lag_s, noises, DT_S)
+        exact = designed(CONFIG, MODEL, Z, CONFIG.heave.disturbance_noise, log_gain, lag_s)
         found = scheduled_parameters(TABLES[Z].control[0], log_gain, lag_s)
         assert found.by_rate.v == pytest.approx(exact.by_rate.v, rel=0.1)
         assert found.by_rate.d == pytest.approx(exact.by_rate.d, rel=0.2)
