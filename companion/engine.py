@@ -161,7 +161,7 @@ class Engine:
         heard = self._receive(now_s, datagrams, ground, requests, loop)
         memory, inputs = self._estimate(heard)
         memory, known = observe(self.parameters, memory, inputs)
-        state = self._estimator.state(
+        state = self._estimator.update(
             inputs, known.motion, known.model, known.dead_motor, memory.actuated.delivered
         )
         demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)

@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from companion.config import Config, SupervisorLimits
 from companion.core import observer, observers
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
-from companion.core.observers import MAX_GAP_S, NOTHING, Inputs, Motion, ObserversMemory
-from companion.core.positioning import Model, jacobian
+from companion.core.observers import MAX_GAP_S, Inputs, Measured, Motion, ObserversMemory
+from companion.core.positioning import Model
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
@@ -37,11 +37,14 @@ from companion.records import (
     Ages,
     Attitude,
     Battery,
+    Current,
     Depth,
     DepthRate,
     Event,
     Flags,
     FrameShift,
+    Ground,
+    HeadingCheck,
     Heartbeat,
     PilotGain,
     PilotHeartbeat,
@@ -74,11 +77,13 @@ MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 
 
+NOTHING = (math.nan, math.nan)
+"""No value, of no time."""
 NONE: Flags = (False, False, False, False)
 
 
 class Estimator:
-    """What is known of the vehicle: `take` begins a tick, `state` says what came of it, `sent` ends it."""
+    """What is known of the vehicle: `take` begins a tick, `update` says what came of it, `sent` ends it."""
 
     def __init__(self, config: Config, model: Model, thrusters: Thrusters) -> None:
         self._thrusters = thrusters
@@ -89,16 +94,16 @@ class Estimator:
         self._hidden_s = 0.0
         self._configured = (math.nan, math.nan)
         self.frame = Frame()
-        """Where the EKF's frame lies, as seen from the one in which `state` and the observers' memory are."""
+        """Where the EKF's frame lies, as seen from the one in which states and the observers' memory are."""
         self._held = False
         self.limit(config.supervisor)
         self.retune(config, model)
         self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
-        self._armed_t_s = self._link_t_s = -math.inf
-        self._heartbeat_t_s = -math.inf
-        self._pilot_t_s = -math.inf
+        self._armed_t_s = -math.inf
+        self._came_s = dict.fromkeys(Ages.__struct_fields__, -math.inf)
+        """When each signal came last, by the name of its age."""
         self._handlers: dict[type, Callable[[Any], None]] = {
             Attitude: self._on_attitude,
             Depth: self._on_depth,
@@ -139,8 +144,7 @@ class Estimator:
         self._measured_t_s = [-math.inf] * len(DOFS)
         self._expected_depth_m = self._expected_sink_mps = 0.0
         self._sink_mps, self._sink_t_s = 0.0, -math.inf
-        self._measured = [NOTHING] * len(DOFS)
-        self._begins = [math.nan] * len(DOFS)
+        self._begin()
         self._restarted = True
         self._ground = Grounds(self._delays.range_s)
         self._ranges: list[Range] = []
@@ -149,8 +153,15 @@ class Estimator:
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets = DepthResets()
         self._begins_depth = False
-        self._yaw_reset_t_s = self._position_reset_t_s = self._depth_reset_t_s = -math.inf
-        self._shifted = [0.0] * len(DOFS)
+        for name in ("yaw_reset_s", "position_reset_s", "depth_reset_s"):
+            self._came_s[name] = -math.inf
+
+    def _begin(self) -> None:
+        """Begin a tick: nothing was measured in it, and nothing reset."""
+        self._positions, self._rates = [NOTHING] * len(DOFS), [NOTHING] * len(DOFS)
+        self._begins = [math.nan] * len(DOFS)
+        self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)
+        self._depth_refused = False
 
     def take(
         self,
@@ -170,10 +181,7 @@ class Estimator:
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
         self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
-        self._depth_refused = False
-        self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)
-        self._measured = [NOTHING] * len(DOFS)
-        self._begins = [math.nan] * len(DOFS)
+        self._begin()
         self._hidden_s = memory.hidden.hidden_s
         for event in events:
             self._take(event)
@@ -183,30 +191,27 @@ class Estimator:
             delays, self._hidden_s = self._meter.delays, 0.0
         self._loop_delays = replace(delays, hidden_s=self._hidden_s)
         ages_s = [now_s - t_s for t_s in self._measured_t_s]
-        north, east, down, turn = (not a <= b for a, b in zip(ages_s, self._timeout_s, strict=True))
-        self._stale = north, east, down, turn
-        x, y, z, psi = self._measured
         attitude = self._attitude
         if self._restarted:
             memory = observers.restarted(memory.hidden, memory.learner)
             self._restarted = False
-        inputs = Inputs(
-            now_s,
-            (x, y, z, psi),
-            vector(self._begins),
-            self._stale,
-            delays.telemetry_s,
-            delays.command_s,
-            delays.command_s + self._lead_s,
-            self._heartbeat.armed,
-            self._measured_t_s[X] > -math.inf,
-            learns,
-            (attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r),
-            self._voltage_v,
+        measured = zip(self._positions, self._rates, strict=True)
+        return memory, Inputs(
+            now_s=now_s,
+            measured=vector([Measured(*position, *rate) for position, rate in measured]),
+            begins=vector(self._begins),
+            stale=vector([not a <= b for a, b in zip(ages_s, self._timeout_s, strict=True)]),
+            telemetry_s=delays.telemetry_s,
+            command_s=delays.command_s,
+            ahead_s=delays.command_s + self._lead_s,
+            armed=self._heartbeat.armed,
+            positioned=self._measured_t_s[X] > -math.inf,
+            learns=learns,
+            attitude=(attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r),
+            voltage_v=self._voltage_v,
         )
-        return memory, inputs
 
-    def state(
+    def update(
         self,
         inputs: Inputs,
         motion: Motion,
@@ -214,82 +219,73 @@ class Estimator:
         dead_motor: int = 0,
         delivered: Vector = ZERO,
     ) -> VehicleState:
-        """Say where the vehicle is, where a command finds it, and what else is known of it.
+        """Advance what finds ground, current and heading; return all that is known of the vehicle.
 
         `delivered` is the body wrench of the last command, N and N·m.
         """
-        now_s, stale, learns, delays = inputs.now_s, inputs.stale, inputs.learns, self._loop_delays
-        eta, eta_dot, disturbance = motion.eta, motion.eta_dot, motion.disturbance
-        attitude = self._attitude
-        tilt_cos = math.cos(attitude.roll) * math.cos(attitude.pitch)
-        ground = self._ground.step(
-            now_s,
-            self._ranges,
-            eta[Z],
-            math.nan if stale[PSI] or stale[Z] else tilt_cos,
-            delays.telemetry_s,
-        )
-        self._ranges.clear()
+        now_s, attitude, turning = inputs.now_s, self._attitude, not inputs.stale[PSI]
+        self._came_s |= {
+            "depth_s": self._measured_t_s[Z],
+            "attitude_s": attitude.t_s,
+            "position_s": self._measured_t_s[X],
+        }
         north_m, east_m, down_m, turn_rad = self._shifted
-        seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
-        J = jacobian(eta[PSI])
-        current = self._water.step(self._model, J, eta_dot, disturbance, model.dof_gain, self._tick_s, seen)
-        x, y, _, psi = self._measured
-        heading_check = self._heading_watch.step(
-            psi.position,
-            _heading_rate(attitude),
-            (x.rate, y.rate),
-            eta[PSI],
-            delivered,
-            self._model,
-            model,
-            delays.total_s + self._sensor_delay_s[X],
-            self._tick_s,
-            turns=learns[PSI] and not stale[PSI],
-            pushes=self._held and dead_motor == 0 and not (stale[X] or stale[Y] or stale[PSI]),
-        )
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
-            eta=eta,
-            eta_dot=eta_dot,
+            eta=motion.eta,
+            eta_dot=motion.eta_dot,
             ahead_s=inputs.ahead_s,
             eta_ahead=motion.eta_ahead,
             eta_dot_ahead=motion.eta_dot_ahead,
-            disturbance=disturbance,
+            disturbance=motion.disturbance,
             roll=attitude.roll,
             pitch=attitude.pitch,
-            p=0.0 if stale[PSI] else attitude.p,
-            q=0.0 if stale[PSI] else attitude.q,
+            p=attitude.p if turning else 0.0,
+            q=attitude.q if turning else 0.0,
             armed=self._heartbeat.armed,
             mode=self._heartbeat.mode,
             system_status=self._heartbeat.system_status,
             voltage_v=self._voltage_v,
             pilot_gain=self._gain,
-            ages=Ages(
-                link_s=now_s - self._link_t_s,
-                heartbeat_s=now_s - self._heartbeat_t_s,
-                depth_s=now_s - self._measured_t_s[Z],
-                attitude_s=now_s - attitude.t_s,
-                position_s=now_s - self._measured_t_s[X],
-                pilot_s=now_s - self._pilot_t_s,
-                yaw_reset_s=now_s - self._yaw_reset_t_s,
-                position_reset_s=now_s - self._position_reset_t_s,
-                depth_reset_s=now_s - self._depth_reset_t_s,
-            ),
-            delays=delays,
+            ages=Ages(**{name: now_s - t_s for name, t_s in self._came_s.items()}),
+            delays=self._loop_delays,
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=FrameShift(turn_rad, north_m, east_m, down_m) if any(self._shifted) else None,
             depth_offset_m=self.frame.sunk_m,
-            stale=stale,
+            stale=inputs.stale,
             dead_motor=dead_motor,
             model=model,
-            ground=ground,
-            current=current,
-            heading_check=heading_check,
+            ground=self._find_ground(inputs, motion.eta[Z]),
+            current=self._find_current(inputs, motion, model),
+            heading_check=self._check_heading(inputs, motion.eta[PSI], delivered, model, dead_motor == 0),
         )
+
+    def _find_ground(self, inputs: Inputs, depth_m: float) -> Ground:
+        roll, pitch, *_ = inputs.attitude
+        known = not (inputs.stale[PSI] or inputs.stale[Z])
+        tilt_cos = math.cos(roll) * math.cos(pitch) if known else math.nan
+        ranges, self._ranges = self._ranges, []
+        return self._ground.step(inputs.now_s, ranges, depth_m, tilt_cos, inputs.telemetry_s)
+
+    def _find_current(self, inputs: Inputs, motion: Motion, model: VehicleModel) -> Current:
+        stale, learns = inputs.stale, inputs.learns
+        seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
+        return self._water.step(self._model, motion, model.dof_gain, self._tick_s, seen)
+
+    def _check_heading(
+        self, inputs: Inputs, heading: float, delivered: Vector, model: VehicleModel, all_motors: bool
+    ) -> HeadingCheck:
+        stale, watch, tick_s = inputs.stale, self._heading_watch, self._tick_s
+        turns = inputs.learns[PSI] and not stale[PSI]
+        watch.turn(self._positions[PSI][0], _heading_rate(self._attitude), tick_s, turns)
+        pushes = self._held and all_motors and not (stale[X] or stale[Y] or stale[PSI])
+        velocity = complex(self._rates[X][0], self._rates[Y][0])
+        delay_s = self._loop_delays.total_s + self._sensor_delay_s[X]
+        watch.push(velocity, heading, delivered, self._model, model, delay_s, tick_s, pushes)
+        return watch.check
 
     @property
     def noise(self) -> tuple[float, float]:
@@ -307,12 +303,10 @@ class Estimator:
     def _take(self, event: Event) -> None:
         kind = type(event)
         if kind is PilotHeartbeat:
-            self._pilot_t_s = event.t_s
-        handler = self._handlers.get(kind)
-        if handler is None:
-            return
-        self._link_t_s = event.t_s
-        handler(event)
+            self._came_s["pilot_s"] = event.t_s
+        if handler := self._handlers.get(kind):
+            self._came_s["link_s"] = event.t_s
+            handler(event)
 
     def _sampled(self, event: Depth | DepthRate | Attitude | Position, dof: int) -> float:
         """Return the time at which this sample of `dof` was true."""
@@ -336,15 +330,12 @@ class Estimator:
             if dof == Z:
                 self._expected_depth_m = value
         self._measured_t_s[dof] = t_s
-        self._measured[dof] = self._measured[dof]._replace(position=value, position_s=at_s)
-
-    def _rate(self, dof: int, value: float, at_s: float) -> None:
-        self._measured[dof] = self._measured[dof]._replace(rate=value, rate_s=at_s)
+        self._positions[dof] = (value, at_s)
 
     def _note_reset(self, north_m: float, east_m: float, down_m: float, turn_rad: float) -> None:
         """Report a reset of the EKF; samples of this tick from before it are left out."""
         for dof in () if down_m else (X, Y, PSI):
-            self._measured[dof] = NOTHING
+            self._positions[dof] = self._rates[dof] = NOTHING
         by = north_m, east_m, down_m, turn_rad
         self._shifted = list(map(add, self._shifted, by))
         self._reset_by = [
@@ -357,7 +348,7 @@ class Estimator:
         heading_rate = _heading_rate(event)
         turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, heading_rate)
         if turn_rad:
-            self._yaw_reset_t_s = event.t_s
+            self._came_s["yaw_reset_s"] = event.t_s
             self._note_reset(0.0, 0.0, 0.0, turn_rad)
             north_m = self._x_resets.extrapolated(event.boot_s)
             east_m = self._y_resets.extrapolated(event.boot_s)
@@ -365,7 +356,7 @@ class Estimator:
         self._headings.rate(at_s, heading_rate)
         psi = self._headings.position(at_s, self.frame.settled.heading_inside(event.yaw))
         self._position(PSI, psi, event.t_s, at_s)
-        self._rate(PSI, heading_rate, at_s)
+        self._rates[PSI] = (heading_rate, at_s)
 
     def _on_depth(self, event: Depth) -> None:
         at_s = self._sampled(event, Z)
@@ -401,7 +392,7 @@ class Estimator:
             self._depth_resets.accept()
         elif down_m:
             self.frame = self.frame._replace(sunk_m=self.frame.sunk_m + down_m)
-            self._depth_reset_t_s = t_s
+            self._came_s["depth_reset_s"] = t_s
             self._note_reset(0.0, 0.0, down_m, 0.0)
 
     def _on_reboot(self, _: Event) -> None:
@@ -412,7 +403,7 @@ class Estimator:
         self._sink_mps, self._sink_t_s = event.w_mps, event.t_s
         at_s = self._sampled(event, Z)
         self._depths.rate(at_s, event.w_mps)
-        self._rate(Z, event.w_mps, at_s - self._hidden_s)
+        self._rates[Z] = (event.w_mps, at_s - self._hidden_s)
 
     def _on_position(self, event: Position) -> None:
         at_s = self._sampled(event, X)
@@ -420,15 +411,14 @@ class Estimator:
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:
             if math.hypot(north_m, east_m) > POSITION_WARNED_M:
-                self._position_reset_t_s = event.t_s
+                self._came_s["position_reset_s"] = event.t_s
             self._note_reset(north_m, east_m, 0.0, 0.0)
             self.frame = self.frame.jumped(north_m, east_m, event.t_s, held=self._held)
         x, y, _, _ = self.frame.now.inside((event.x_m, event.y_m, 0.0, 0.0))
         u, v, _, _ = self.frame.settled.inward((event.vx_mps, event.vy_mps, 0.0, 0.0))
         self._position(X, x, event.t_s, at_s)
         self._position(Y, y, event.t_s, at_s)
-        self._rate(X, u, at_s)
-        self._rate(Y, v, at_s)
+        self._rates[X], self._rates[Y] = (u, at_s), (v, at_s)
 
     def _on_range(self, event: Range) -> None:
         self._ranges.append(event)
@@ -448,7 +438,7 @@ class Estimator:
         elif not self._heartbeat.armed:
             self._armed_t_s = event.t_s
         self._heartbeat = event
-        self._heartbeat_t_s = event.t_s
+        self._came_s["heartbeat_s"] = event.t_s
 
     def _on_battery(self, event: Battery) -> None:
         self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)

@@ -24,6 +24,7 @@ which takes up a delay other than T. Told is in-phase part or amplitude, whichev
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 from companion.records import Ground, Range
@@ -109,46 +110,28 @@ class Answer:
         return f if abs(f) >= abs(1.0 - response) else 1.0 - response
 
 
-class GroundFinder:
-    """Takes each tick's ranges, which are `range_delay_s` late; says where the ground is."""
+class Sensor:
+    """Finds the ground by the ranges of one sensor."""
 
-    def __init__(self, range_delay_s: float = 0.0) -> None:
-        self._delay_s = range_delay_s
-        self._times_s: list[float] = []
-        self._poses: list[tuple[float, float]] = []
+    def __init__(self) -> None:
         self._track = Track(math.nan, 0.0)
         self._at_s = self._came_s = -math.inf
         self._other_m, self._other_since_s, self._agreeing = math.nan, -math.inf, 0
         self._answer, self._moves_along = Answer(), math.nan
+        self.failed = False
+        """Whether its ground has moved along, and not stood still since."""
 
-    def step(
-        self,
-        now_s: float,
-        ranges: Sequence[Range],
-        depth_m: float,
-        tilt_cos: float,
-        telemetry_s: float = 0.0,
-    ) -> Ground:
-        """Take the ranges that came, `telemetry_s` after they were sent.
-
-        `depth_m` is the vehicle's now, `tilt_cos` of its down axis; NaN where it is not known.
-        """
-        self._times_s.append(now_s)
-        self._poses.append((depth_m, tilt_cos))
-        while self._times_s[0] < now_s - self._delay_s - HISTORY_S:
-            del self._times_s[0], self._poses[0]
-        for one in ranges:
-            self._take(one, one.t_s - telemetry_s)
+    def ground(self, now_s: float) -> Ground:
+        """Return where the ground is by now."""
         if not now_s - self._came_s <= LOST_S:
             return UNKNOWN
         depth_m, rate_mps = self._track
         ground_m = depth_m + rate_mps * max(now_s - self._at_s, 0.0)
         return Ground(ground_m, rate_mps, self._moves_along)
 
-    def _take(self, one: Range, sent_s: float) -> None:
-        measured_s = sent_s - self._delay_s
+    def take(self, one: Range, measured_s: float, depth_m: float, tilt_cos: float) -> None:
+        """Take a range, and depth and tilt of when it was measured."""
         self._moves_along = math.nan
-        depth_m, tilt_cos = self._pose(measured_s)
         sample_m = depth_m + one.range_m * tilt_cos if tilt_cos >= MAX_TILT_COS else math.nan
         gap_s = one.t_s - self._came_s
         if math.isnan(sample_m) or gap_s <= 0.0:
@@ -162,17 +145,10 @@ class GroundFinder:
             self._came_s, self._at_s, self._agreeing = one.t_s, at_s, 0
         else:
             self._doubt(one.t_s, at_s, sample_m)
-
-    def _pose(self, at_s: float) -> tuple[float, float]:
-        """Return depth and cosine of the tilt at a time; before the first the first."""
-        times_s, poses = self._times_s, self._poses
-        after = bisect_right(times_s, at_s)
-        if after == 0 or after == len(times_s):
-            return poses[min(after, len(poses) - 1)]
-        before = after - 1
-        part = (at_s - times_s[before]) / (times_s[after] - times_s[before])
-        (z, tilt), (z_after, tilt_after) = poses[before], poses[after]
-        return z + part * (z_after - z), tilt + part * (tilt_after - tilt)
+        if abs(self._moves_along) > MOVES_ALONG:
+            self.failed = True
+        elif abs(self._moves_along) <= ANSWERS:
+            self.failed = False
 
     def _doubt(self, t_s: float, at_s: float, sample_m: float) -> None:
         """Count the samples that agree with each other and not with the filter; believe enough of them."""
@@ -188,14 +164,14 @@ class GroundFinder:
 
 
 class Grounds:
-    """The ground of one sensor of several: of one that answers, and as long as it does of the same."""
+    """The ground by one sensor of several: by one that answers, and as long as it does by the same."""
 
     def __init__(self, range_delay_s: float = 0.0) -> None:
         self._delay_s = range_delay_s
-        self._finders: dict[int, GroundFinder] = {}
-        self._failed: set[int] = set()
-        """Those whose ground moved along, and has not stood still since."""
-        self._sensor = -1
+        self._poses: list[tuple[float, float, float]] = []
+        """The vehicle of late: time, depth (m), cosine of the tilt."""
+        self._sensors: dict[int, Sensor] = {}
+        self._chosen = -1
 
     def step(
         self,
@@ -205,24 +181,37 @@ class Grounds:
         tilt_cos: float,
         telemetry_s: float = 0.0,
     ) -> Ground:
-        """Take all sensors' ranges as `GroundFinder.step` does one's; return the ground of the best."""
+        """Take the ranges that came, `telemetry_s` after they were sent; return the ground of the best.
+
+        `depth_m` is the vehicle's now, `tilt_cos` of its down axis; NaN where it is not known.
+        """
+        self._poses.append((now_s, depth_m, tilt_cos))
+        while self._poses[0][0] < now_s - self._delay_s - HISTORY_S:
+            del self._poses[0]
         for one in ranges:
-            if one.sensor not in self._finders and len(self._finders) < MOST_SENSORS:
-                self._finders[one.sensor] = GroundFinder(self._delay_s)
+            if one.sensor in self._sensors or len(self._sensors) < MOST_SENSORS:
+                measured_s = one.t_s - telemetry_s - self._delay_s
+                sensor = self._sensors.setdefault(one.sensor, Sensor())
+                sensor.take(one, measured_s, *self._pose(measured_s))
         best, most = UNKNOWN, -1
-        for sensor, finder in self._finders.items():
-            own = [one for one in ranges if one.sensor == sensor]
-            ground = finder.step(now_s, own, depth_m, tilt_cos, telemetry_s)
-            if abs(ground.moves_along) > MOVES_ALONG:
-                self._failed.add(sensor)
-            elif abs(ground.moves_along) <= ANSWERS:
-                self._failed.discard(sensor)
-            worth = 4 * ground.known + 2 * (sensor not in self._failed) + (sensor == self._sensor)
+        for number, sensor in self._sensors.items():
+            ground = sensor.ground(now_s)
+            worth = 4 * ground.known + 2 * (not sensor.failed) + (number == self._chosen)
             if worth > most:
-                best, most, chosen = ground, worth, sensor
-        if self._finders:
-            self._sensor = chosen
+                best, most, chosen = ground, worth, number
+        if self._sensors:
+            self._chosen = chosen
         return best
+
+    def _pose(self, at_s: float) -> tuple[float, float]:
+        """Return depth and cosine of the tilt at a time; before the first the first."""
+        poses = self._poses
+        after = bisect_right(poses, at_s, key=itemgetter(0))
+        if after == 0 or after == len(poses):
+            return poses[min(after, len(poses) - 1)][1:]
+        (t_s, z, tilt), (t_after_s, z_after, tilt_after) = poses[after - 1], poses[after]
+        part = (at_s - t_s) / (t_after_s - t_s)
+        return z + part * (z_after - z), tilt + part * (tilt_after - tilt)
 
 
 def _followed(track: Track, sample_m: float, gap_s: float, omega_radps: float) -> Track:

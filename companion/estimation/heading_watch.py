@@ -92,55 +92,21 @@ class HeadingWatch:
         self._reported_s = self._lost_s = 0.0
         self._course_rad = math.nan
 
-    def step(
-        self,
-        psi: float,
-        rate: float,
-        velocity: tuple[float, float],
-        heading: float,
-        tau: Vector,
-        nominal: Model,
-        model: VehicleModel,
-        delay_s: float,
-        dt_s: float,
-        *,
-        turns: bool,
-        pushes: bool,
-    ) -> HeadingCheck:
-        """Take a tick.
+    @property
+    def check(self) -> HeadingCheck:
+        """What is told of the heading."""
+        by_gyro = abs(self._gyro_rad) > GYRO_REPORTED_RAD + GYRO_SCALE * abs(self._turned_rad)
+        doubtful = by_gyro or self._lost or self._reported_s > LASTS_S
+        return HeadingCheck(self._gyro_rad, self._course_rad, doubtful, self._lost)
 
-        Args:
-            psi: heading that was measured in it, rad; NaN where none was.
-            rate: by the gyro, rad/s.
-            velocity: that was measured in it, north and east, m/s; NaN where none was.
-            heading: that is believed, rad.
-            tau: body wrench that was sent last, N and N·m.
-            nominal: of the vehicle.
-            model: what was found of it.
-            delay_s: from a command to its measured effect, beyond the thrusters' lag.
-            dt_s: since the last one.
-            turns: whether our commands alone turn the vehicle.
-            pushes: whether they alone push it, with full authority or less.
+    def turn(self, psi: float, rate: float, dt_s: float, turns: bool) -> None:
+        """Take the heading that was measured in a tick, NaN where none was, and the gyro's rate.
 
+        `turns` tells whether our commands alone turn the vehicle.
         """
-        if turns:
-            self._turn(psi, rate, dt_s)
-        else:
+        if not turns:
             self._rest_gyro()
-        if pushes:
-            self._push(complex(*velocity), heading, tau, nominal, model, delay_s, dt_s)
-        else:
-            self._rest_course()
-        gyro_reported = abs(self._gyro_rad) > GYRO_REPORTED_RAD + GYRO_SCALE * abs(self._turned_rad)
-        self._lost = self._lost or self._lost_s > LASTS_S
-        return HeadingCheck(
-            self._gyro_rad,
-            self._course_rad,
-            gyro_reported or self._lost or self._reported_s > LASTS_S,
-            self._lost,
-        )
-
-    def _turn(self, psi: float, rate: float, dt_s: float) -> None:
+            return
         left = 1.0 - dt_s / GYRO_MEMORY_S
         self._gyro_rad = left * self._gyro_rad - rate * dt_s
         self._turned_rad = left * self._turned_rad + rate * dt_s
@@ -151,7 +117,7 @@ class HeadingWatch:
                 self._gyro_rad = 0.0
             self._psi = psi
 
-    def _push(
+    def push(
         self,
         velocity: complex,
         heading: float,
@@ -160,7 +126,17 @@ class HeadingWatch:
         model: VehicleModel,
         delay_s: float,
         dt_s: float,
+        pushes: bool,
     ) -> None:
+        """Take the velocity that was measured in a tick, NaN where none was, and what was sent last.
+
+        `heading` is the believed one, `tau` the body wrench (N, N·m), `model` what was found of the nominal
+        vehicle; `delay_s` runs from a command to its measured effect, beyond the thrusters' lag; `pushes`
+        tells whether our commands alone push the vehicle, with full authority or less.
+        """
+        if not pushes:
+            self._rest_course()
+            return
         ahead = cmath.exp(1j * heading)
         gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
         wanted = complex(gain_x * tau[0], gain_y * tau[1])
@@ -186,6 +162,7 @@ class HeadingWatch:
         off_rad = self._off_rad()
         self._reported_s = self._reported_s + dt_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
+        self._lost |= self._lost_s > LASTS_S
 
     def _off_rad(self) -> float:
         """Return by how much the heading is surely off."""

@@ -13,8 +13,9 @@ both, and the spread of v_c that is left in the mean.
 import math
 from typing import NamedTuple
 
-from companion.core.positioning import Jacobian, Model, coriolis_and_damping, to_body, to_inertial
-from companion.records import Current, Vector
+from companion.core.observers import Motion
+from companion.core.positioning import Model, coriolis_and_damping, jacobian, to_body, to_inertial
+from companion.records import PSI, Current, Vector
 
 MEAN_S = 5.0
 """Longer than a wave: its water goes to and fro."""
@@ -56,16 +57,14 @@ class Water:
     def step(
         self,
         model: Model,
-        J: Jacobian,
-        eta_dot: Vector,
-        disturbance: Vector,
+        motion: Motion,
         gain: Vector,
         dt_s: float,
         seen: bool,
     ) -> Current:
         """Take a tick; `seen` tells that our commands alone push, and that x and y are measured.
 
-        `disturbance` is the observer's, `gain` the force per command over inertia, both by DOF in NED.
+        `gain` is the force per command over inertia, by DOF in NED.
         """
         if not seen or not dt_s > 0.0:
             self._unseen_s += dt_s
@@ -73,6 +72,7 @@ class Water:
                 self.restart()
             return self._current()
         self._unseen_s = 0.0
+        J, eta_dot, disturbance = jacobian(motion.eta[PSI]), motion.eta_dot, motion.disturbance
         nu = to_body(J, eta_dot)
         x, y, _, _ = (
             h + g * d for h, g, d in zip(coriolis_and_damping(model, J, nu), gain, disturbance, strict=True)

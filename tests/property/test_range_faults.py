@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.estimation.ground import GroundFinder
+from companion.estimation.ground import Grounds
 from companion.guidance.altitude import AltitudeHold
 from companion.records import Range
 
@@ -38,7 +38,7 @@ def dived(
     fault=None, size=1.0, at_s=math.inf, scatter_m=0.01, delay_s=0.3, seconds=70.0, seed=1, bottom=None
 ):
     """Go from 5 m to an altitude of 1 m from 3 s on; return times, altitudes and whether it doubts."""
-    rng, finder, hold = np.random.default_rng(seed), GroundFinder(0.3), AltitudeHold(1.0)
+    rng, finder, hold = np.random.default_rng(seed), Grounds(0.3), AltitudeHold(1.0)
     bottom = bottom or (lambda t_s: 9.0)
     wanted, told, before_m, out = [4.0] * LATE_TICKS, [], math.nan, []
     for tick in range(round(seconds / TICK_S)):

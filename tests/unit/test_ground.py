@@ -10,7 +10,6 @@ from companion.estimation.ground import (
     FALL_BELIEVED_S,
     LOST_S,
     RISE_BELIEVED_S,
-    GroundFinder,
     Grounds,
 )
 from companion.guidance.altitude import AltitudeHold
@@ -30,13 +29,13 @@ def over(finder, ranges, depth_m=4.0, start_s=0.0, tilt_cos=1.0):
 
 
 def known(range_m=2.0):
-    finder = GroundFinder()
+    finder = Grounds()
     over(finder, [range_m] * 20)
     return finder
 
 
 def test_it_is_known_after_a_second_of_echoes_that_agree():
-    found = over(GroundFinder(), [2.0] * 12)
+    found = over(Grounds(), [2.0] * 12)
     assert not any(ground.known for ground in found[:10])
     assert found[-1].depth_m == pytest.approx(6.0)
 
@@ -81,14 +80,14 @@ def test_without_echoes_it_is_lost_and_scattered_ones_do_not_find_it():
 def test_the_range_is_along_the_hulls_own_axis():
     for tilt in (20.0, 55.0):
         cos = math.cos(math.radians(tilt))
-        assert over(GroundFinder(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
-    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.cos(math.radians(65.0)))[-1].known
-    assert not over(GroundFinder(), [2.0] * 20, tilt_cos=math.nan)[-1].known
+        assert over(Grounds(), [2.0 / cos] * 20, tilt_cos=cos)[-1].depth_m == pytest.approx(6.0)
+    assert not over(Grounds(), [2.0] * 20, tilt_cos=math.cos(math.radians(65.0)))[-1].known
+    assert not over(Grounds(), [2.0] * 20, tilt_cos=math.nan)[-1].known
 
 
 def judged(answers, delay_s=0.3, drift_mps=0.0):
     """Return what was told of a range whose changes come with a factor, while the vehicle heaves."""
-    finder, rng, found = GroundFinder(0.3), np.random.default_rng(3), []
+    finder, rng, found = Grounds(0.3), np.random.default_rng(3), []
     t_s = 0.02 * np.arange(1000)
     depths = 4.0 + 0.15 * np.sin(2.0 * np.pi / 4.0 * t_s)
     ranges = (2.0 - answers * (depths - 4.0) + drift_mps * t_s + 0.01 * rng.standard_normal(1000)).tolist()
@@ -116,7 +115,7 @@ def test_a_range_that_answers_later_or_sooner_than_configured_is_believed(delay_
 
 
 def test_nothing_is_told_of_a_vehicle_that_does_not_move():
-    found = over(GroundFinder(), 2.0 + 0.02 * np.random.default_rng(1).standard_normal(600))
+    found = over(Grounds(), 2.0 + 0.02 * np.random.default_rng(1).standard_normal(600))
     assert all(math.isnan(ground.moves_along) for ground in found)
 
 
@@ -135,7 +134,7 @@ def test_of_several_sensors_the_one_that_answers_is_followed():
 @pytest.mark.parametrize("delay_s", [0.0, 0.4, 0.8])
 def test_a_late_range_is_added_to_the_depth_of_its_own_time(delay_s):
     """The vehicle heaves over a level ground; the range has 1 cm of noise."""
-    finder, rng = GroundFinder(delay_s), np.random.default_rng(3)
+    finder, rng = Grounds(delay_s), np.random.default_rng(3)
     depths = 4.0 + 0.25 * np.sin(2.0 * np.pi / 6.0 * 0.02 * np.arange(1000))
     behind, found = round(delay_s / 0.02), []
     for tick in range(behind, len(depths)):

@@ -27,10 +27,9 @@ def watched(error_deg, push_n, current_mps=0.0, seconds=30.0):
         seen = v + white + current_mps
         tau = (push.real, push.imag, 0.0, 0.0)
         nominal = Model(MASS, STILL, STILL)
-        check = watch.step(
-            0.0, 0.0, (seen.real, seen.imag), 0.0, tau, nominal, model, 0.0, DT_S, turns=True, pushes=True
-        )
-    return check
+        watch.turn(0.0, 0.0, DT_S, turns=True)
+        watch.push(seen, 0.0, tau, nominal, model, 0.0, DT_S, pushes=True)
+    return watch.check
 
 
 @pytest.mark.parametrize("error_deg", [-135.0, -60.0, 0.0, 20.0, 90.0])
@@ -51,21 +50,9 @@ def test_a_vehicle_that_is_not_pushed_says_nothing():
     [(0.0, 0.0, False), (0.004, 0.0, True), (0.5, 0.5, False), (0.5, 0.495, False)],
 )
 def test_a_heading_that_turns_without_the_gyro_is_reported(compass_radps, gyro_radps, reported):
-    watch, nan = HeadingWatch(), (math.nan, math.nan)
+    watch = HeadingWatch()
     for tick in range(round(90.0 / DT_S)):
         psi = math.remainder(compass_radps * tick * DT_S, math.tau)
-        check = watch.step(
-            psi,
-            gyro_radps,
-            nan,
-            psi,
-            STILL,
-            Model(MASS, STILL, STILL),
-            NOMINAL,
-            0.0,
-            DT_S,
-            turns=True,
-            pushes=False,
-        )
-    assert check.doubtful is reported
-    assert not check.lost
+        watch.turn(psi, gyro_radps, DT_S, turns=True)
+    assert watch.check.doubtful is reported
+    assert not watch.check.lost
