@@ -277,9 +277,9 @@ def _observed(
     push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s)
     gain, control = schedule.gain[dof], schedule.observers[dof].control
     state, since, innovation, shown = _corrected(control, was, push, gain, inputs, to_s, dof)
-    mean_d, moving = was.mean_d, _still(math.nan, math.nan, innovation)
     if not is_believable(state):
         shown = Shown(push=NO_PUSH, sample=shown.sample, begins=shown.begins)
+        mean_d, moving = was.mean_d, _still(math.nan, math.nan, innovation)
     else:
         mean_d = mean_disturbance(was.mean_d, state.d, tick_s)
         model = observer.coefficients(push, gain, control[0].thrust_lag_s, step_s)
@@ -288,14 +288,8 @@ def _observed(
         q, q_dot = interpolate(trajectory, (inputs.now_s - to_s) / max(step_s, SHORTEST_S))
         # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
         left_out = now.forces[dof] / gain - push.c / gain * state.v if inputs.positioned else 0.0
-        moving = Moving(
-            q=q,
-            q_dot=q_dot,
-            q_ahead=trajectory[-1][0],
-            q_dot_ahead=trajectory[-1][1],
-            disturbance=state.d - left_out,
-            innovation=innovation,
-        )
+        q_ahead, q_dot_ahead, _ = trajectory[-1]
+        moving = Moving(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, innovation)
     after = DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=since, q=moving.q)
     return after, moving, shown
 
@@ -311,18 +305,20 @@ def _corrected(
     of_position, of_rate = was.since[0] + 1.0, was.since[1] + 1.0
     gains = observer.at_intervals(control, of_position, of_rate)
     (q_dot, v_dot), most_s = observer.rates(state, push, gain), MAX_EXTRAPOLATION_S[dof]
-    position = measured.position + q_dot * clamped(to_s - measured.position_s, -most_s, most_s)
-    rate = measured.rate + v_dot * clamped(to_s - measured.rate_s, -most_s, most_s)
-    e_q, e_v = observer.innovation(state, Sample(position, rate), dof == PSI)
+    sample = Sample(
+        measured.position + q_dot * clamped(to_s - measured.position_s, -most_s, most_s),
+        measured.rate + v_dot * clamped(to_s - measured.rate_s, -most_s, most_s),
+    )
+    e_q, e_v = observer.innovation(state, sample, dof == PSI)
     begins = math.nan
     if dof == Z and abs(e_q) > ZERO_MOVED_M and not inputs.armed:
-        state, begins = state._replace(q=state.q + e_q), position
-        position, e_q = math.nan, 0.0
+        state, begins = state._replace(q=state.q + e_q), sample.position
+        sample, e_q = Sample(math.nan, sample.rate), 0.0
     since = (
         of_position if math.isnan(measured.position) else 0.0,
         of_rate if math.isnan(measured.rate) else 0.0,
     )
-    shown = Shown(push=push, sample=Sample(position, rate), begins=begins)
+    shown = Shown(push=push, sample=sample, begins=begins)
     return observer.correct(gains, state, e_q, e_v), since, e_q, shown
 
 
@@ -333,7 +329,7 @@ def _stays(q: float, state: ObserverState, to_s: float, mean_d: float) -> DofMem
 
 def _still(q: float, rest: float, innovation: float) -> Moving:
     """Return one that stays at q; `rest` is its rates and its disturbance."""
-    return Moving(q=q, q_dot=rest, q_ahead=q, q_dot_ahead=rest, disturbance=rest, innovation=innovation)
+    return Moving(q, rest, q, rest, rest, innovation)
 
 
 def _hidden(observers: Observers, hidden: HiddenDelayState, shown: Shown, gain: float) -> HiddenDelayState:

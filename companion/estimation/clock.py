@@ -67,8 +67,8 @@ class AutopilotClock:
     def answered(self, sent_s: float, arrived_s: float, boot_s: float) -> bool:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
 
-        Return whether it is believed. One that contradicts the clock as it is known is not. A second one that
-        agrees with it, with none in between that does not, sets the clock again.
+        Return whether it is believed. One that contradicts the clock is not; a second one in a row that
+        agrees with the first sets the clock again.
         """
         if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
             return False

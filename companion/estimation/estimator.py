@@ -5,9 +5,8 @@ telemetry delay, where a message has none) minus the sensor's own delay.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from operator import add
-from typing import Any
 
 from msgspec.structs import replace
 
@@ -35,31 +34,19 @@ from companion.records import (
     PSI,
     ZERO,
     Ages,
-    Attitude,
-    Battery,
     Current,
-    Depth,
-    DepthRate,
     Event,
     Flags,
     FrameShift,
     Ground,
     HeadingCheck,
-    Heartbeat,
-    PilotGain,
-    PilotHeartbeat,
-    Position,
-    Pressure,
-    Range,
-    Reboot,
-    ServoOutput,
-    TimeSync,
     Vector,
     VehicleModel,
     VehicleState,
     X,
     Y,
     Z,
+    events,
     vector,
 )
 
@@ -98,26 +85,12 @@ class Estimator:
         self._held = False
         self.limit(config.supervisor)
         self.retune(config, model)
-        self._heartbeat = Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
+        self._heartbeat = events.Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
         self._armed_t_s = -math.inf
-        self._came_s = dict.fromkeys(Ages.__struct_fields__, -math.inf)
-        """When each signal came last, by the name of its age."""
-        self._handlers: dict[type, Callable[[Any], None]] = {
-            Attitude: self._on_attitude,
-            Depth: self._on_depth,
-            DepthRate: self._on_depth_rate,
-            Position: self._on_position,
-            Pressure: self._on_pressure,
-            Range: self._on_range,
-            ServoOutput: self._on_servo_output,
-            TimeSync: self._on_timesync,
-            Heartbeat: self._on_heartbeat,
-            Battery: self._on_battery,
-            PilotGain: self._on_pilot_gain,
-            Reboot: self._on_reboot,
-        }
+        self._came_s = dict.fromkeys(("link_s", "heartbeat_s", "pilot_s"), -math.inf)
+        """When what has no sample came last, by the name of its age."""
         self.restart()
 
     def retune(self, config: Config, model: Model) -> None:
@@ -140,21 +113,20 @@ class Estimator:
     def restart(self) -> None:
         """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
-        self._attitude = Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._attitude = events.Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
         self._expected_depth_m = self._expected_sink_mps = 0.0
         self._sink_mps, self._sink_t_s = 0.0, -math.inf
         self._begin()
         self._restarted = True
         self._ground = Grounds(self._delays.range_s)
-        self._ranges: list[Range] = []
+        self._ranges: list[events.Range] = []
         self._water = Water()
         self._heading_watch = HeadingWatch()
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets = DepthResets()
         self._begins_depth = False
-        for name in ("yaw_reset_s", "position_reset_s", "depth_reset_s"):
-            self._came_s[name] = -math.inf
+        self._came_s |= dict.fromkeys(("yaw_reset_s", "position_reset_s", "depth_reset_s"), -math.inf)
 
     def _begin(self) -> None:
         """Begin a tick: nothing was measured in it, and nothing reset."""
@@ -166,7 +138,7 @@ class Estimator:
     def take(
         self,
         now_s: float,
-        events: Sequence[Event],
+        heard: Sequence[Event],
         memory: ObserversMemory,
         learns: Flags = NONE,
         *,
@@ -177,13 +149,13 @@ class Estimator:
         Their memory is forgotten where the autopilot booted. `learns` tells by axis whether our commands
         alone moved the vehicle, `held` whether a place is held.
         """
-        if not all(observers.is_believable(dof.state) for dof in memory.dofs):
+        if not all([observers.is_believable(dof.state) for dof in memory.dofs]):
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
         self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
         self._begin()
         self._hidden_s = memory.hidden.hidden_s
-        for event in events:
+        for event in heard:
             self._take(event)
         delays = self._meter.delays
         if not math.isfinite(delays.total_s + self._hidden_s):
@@ -224,11 +196,6 @@ class Estimator:
         `delivered` is the body wrench of the last command, N and N·m.
         """
         now_s, attitude, turning = inputs.now_s, self._attitude, not inputs.stale[PSI]
-        self._came_s |= {
-            "depth_s": self._measured_t_s[Z],
-            "attitude_s": attitude.t_s,
-            "position_s": self._measured_t_s[X],
-        }
         north_m, east_m, down_m, turn_rad = self._shifted
         return VehicleState(
             t_s=now_s,
@@ -248,7 +215,12 @@ class Estimator:
             system_status=self._heartbeat.system_status,
             voltage_v=self._voltage_v,
             pilot_gain=self._gain,
-            ages=Ages(**{name: now_s - t_s for name, t_s in self._came_s.items()}),
+            ages=Ages(
+                depth_s=now_s - self._measured_t_s[Z],
+                attitude_s=now_s - attitude.t_s,
+                position_s=now_s - self._measured_t_s[X],
+                **{name: now_s - t_s for name, t_s in self._came_s.items()},
+            ),
             delays=self._loop_delays,
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
@@ -301,14 +273,42 @@ class Estimator:
         self._meter.sent(now_s, axes)
 
     def _take(self, event: Event) -> None:
-        kind = type(event)
-        if kind is PilotHeartbeat:
-            self._came_s["pilot_s"] = event.t_s
-        if handler := self._handlers.get(kind):
-            self._came_s["link_s"] = event.t_s
-            handler(event)
+        match event:
+            case events.Attitude():
+                self._on_attitude(event)
+            case events.Depth():
+                self._on_depth(event)
+            case events.DepthRate():
+                self._on_depth_rate(event)
+            case events.Position():
+                self._on_position(event)
+            case events.Pressure():
+                self._on_pressure(event)
+            case events.Range():
+                self._ranges.append(event)
+            case events.ServoOutput():
+                self._on_servo_output(event)
+            case events.TimeSync():
+                self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
+            case events.Heartbeat():
+                self._on_heartbeat(event)
+            case events.Battery():
+                self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
+            case events.PilotGain():
+                self._gain = event.gain
+            case events.Reboot():
+                self.frame = self.frame._replace(sunk_m=0.0)
+                self.restart()
+            case events.PilotHeartbeat():
+                self._came_s["pilot_s"] = event.t_s
+                return
+            case _:
+                return
+        self._came_s["link_s"] = event.t_s
 
-    def _sampled(self, event: Depth | DepthRate | Attitude | Position, dof: int) -> float:
+    def _sampled(
+        self, event: events.Depth | events.DepthRate | events.Attitude | events.Position, dof: int
+    ) -> float:
         """Return the time at which this sample of `dof` was true."""
         meter = self._meter
         if event.boot_s is None:
@@ -342,7 +342,7 @@ class Estimator:
             min(a + abs(b), MAX_RESET_INNOVATION) for a, b in zip(self._reset_by, by, strict=True)
         ]
 
-    def _on_attitude(self, event: Attitude) -> None:
+    def _on_attitude(self, event: events.Attitude) -> None:
         self._attitude = event
         at_s = self._sampled(event, PSI)
         heading_rate = _heading_rate(event)
@@ -358,7 +358,7 @@ class Estimator:
         self._position(PSI, psi, event.t_s, at_s)
         self._rates[PSI] = (heading_rate, at_s)
 
-    def _on_depth(self, event: Depth) -> None:
+    def _on_depth(self, event: events.Depth) -> None:
         at_s = self._sampled(event, Z)
         if event.boot_s is not None:
             climbs = event.t_s - self._sink_t_s <= MAX_GAP_S
@@ -380,7 +380,7 @@ class Estimator:
             return
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
-    def _on_pressure(self, event: Pressure) -> None:
+    def _on_pressure(self, event: events.Pressure) -> None:
         later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
         reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
         self._note_depth_reset(event.t_s, reset_m)
@@ -395,17 +395,13 @@ class Estimator:
             self._came_s["depth_reset_s"] = t_s
             self._note_reset(0.0, 0.0, down_m, 0.0)
 
-    def _on_reboot(self, _: Event) -> None:
-        self.frame = self.frame._replace(sunk_m=0.0)
-        self.restart()
-
-    def _on_depth_rate(self, event: DepthRate) -> None:
+    def _on_depth_rate(self, event: events.DepthRate) -> None:
         self._sink_mps, self._sink_t_s = event.w_mps, event.t_s
         at_s = self._sampled(event, Z)
         self._depths.rate(at_s, event.w_mps)
         self._rates[Z] = (event.w_mps, at_s - self._hidden_s)
 
-    def _on_position(self, event: Position) -> None:
+    def _on_position(self, event: events.Position) -> None:
         at_s = self._sampled(event, X)
         north_m = self._x_resets.step(event.boot_s, event.x_m, event.vx_mps)
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
@@ -420,19 +416,13 @@ class Estimator:
         self._position(Y, y, event.t_s, at_s)
         self._rates[X], self._rates[Y] = (u, at_s), (v, at_s)
 
-    def _on_range(self, event: Range) -> None:
-        self._ranges.append(event)
-
-    def _on_servo_output(self, event: ServoOutput) -> None:
+    def _on_servo_output(self, event: events.ServoOutput) -> None:
         count = self._thrusters.motor_count
         if len(event.pwm_us) >= count:
             axes = axes_from_motors(self._thrusters, motor_demand(event.pwm_us[:count]))
             self._meter.echo(event.boot_s, axes[:4])
 
-    def _on_timesync(self, event: TimeSync) -> None:
-        self._meter.timesync(event.sent_s, event.t_s, event.boot_s)
-
-    def _on_heartbeat(self, event: Heartbeat) -> None:
+    def _on_heartbeat(self, event: events.Heartbeat) -> None:
         if not event.armed:
             self.frame = self.frame._replace(sunk_m=0.0)
         elif not self._heartbeat.armed:
@@ -440,14 +430,8 @@ class Estimator:
         self._heartbeat = event
         self._came_s["heartbeat_s"] = event.t_s
 
-    def _on_battery(self, event: Battery) -> None:
-        self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
 
-    def _on_pilot_gain(self, event: PilotGain) -> None:
-        self._gain = event.gain
-
-
-def _heading_rate(attitude: Attitude) -> float:
+def _heading_rate(attitude: events.Attitude) -> float:
     """Return ψ' = (q sin φ + r cos φ)/cos θ (Fossen 2011, eq. 2.28), θ kept off the singularity."""
     cos_pitch = max(math.cos(attitude.pitch), MIN_COS_PITCH)
     return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch

@@ -8,14 +8,9 @@
 | owed   | sum of the fixes that are not yet followed                         | m    |
 | sunk   | how much deeper relative_alt reads: z_ekf = z_in + sunk            | m    |
 
-A reset of the EKF changes this offset and nothing else. Three use it: the estimator, for what is measured;
-guidance, for the places that an operator gives, for path and fence; the engine, for what it reports.
-
-A jump of the position is a reset, or a fix of a slow source such as USBL. After a fix the offset goes back
-slowly, so that the vehicle follows to the numbers that it was given.
-
-Depth is z_in outside too: fence, greatest depth and what an operator asks for are in the water, whose surface
-stays where it was known to be.
+A reset of the EKF changes this offset alone. After a fix of a slow source, such as USBL, the offset
+goes back slowly, so that the vehicle follows to the numbers that it was given. Depth is z_in outside too:
+what an operator asks for is in the water, whose surface stays where it was known to be.
 """
 
 import math

@@ -8,17 +8,13 @@
 | T      | delay of the range, beyond that of telemetry: `delays.range_s`                 | s    |
 | f      | how much of the vehicle's own vertical motion the ground makes                 |      |
 
-A fading-memory filter with a double pole: g += (1 − θ²) e, v += (1 − θ)² e / dt, e = sample − (g + v dt). It
-follows a slope without lag. A sample that jumps is left out. Only a row of samples that agree with each other
-is believed: a rise soon, because the vehicle might hit it, and a fall later.
-
-A range that is added to a depth of another time moves the ground with the vehicle, and an altitude that is
-held then oscillates. So it is added to the depth of T before it was sent.
+A fading-memory filter with a double pole, which follows a slope without lag: g += (1 − θ²) e,
+v += (1 − θ)² e / dt, e = sample − (g + v dt). Of samples that jump only a row that agrees is believed.
 
 A ground that moves as the vehicle does is none: f is 0 for a range that answers the vehicle's motion, 1 for
-one that is stuck or drifts by itself, 2 for one of the wrong sign, 1 − k for one that is k times too long. f
-comes from a regression: of the ground's deviations from straight motion on the vehicle's, and on their rate,
-which takes up a delay other than T. Told is in-phase part or amplitude, whichever is further from an answer.
+one that is stuck or drifts by itself, 2 for one of the wrong sign, 1 − k for one that is k times too long. It
+is the regression of the ground's deviations from straight motion on the vehicle's, and on their rate, which
+takes up a delay other than T: in-phase part or amplitude, whichever is further from an answer.
 """
 
 import math
@@ -34,6 +30,8 @@ JUMP_M = 0.5
 """A sample further from the filter than this is left out."""
 
 RISE_BELIEVED_S, FALL_BELIEVED_S = 1.0, 3.0
+"""A rise sooner than a fall: the vehicle might hit it."""
+
 AGREEING = 5
 """Samples that have to agree as well."""
 
@@ -41,13 +39,12 @@ LOST_S = 1.0
 """Without a sample that was taken for longer than this, the ground is unknown."""
 
 MAX_TILT_COS = math.cos(math.radians(60.0))
-"""A range further from the vertical is left out. The ground is taken for flat up to there."""
+"""A range further from the vertical is left out."""
 MAX_SLOPE_MPS = 0.5
 UNKNOWN = Ground(math.nan, 0.0)
 
 ANSWER_OMEGA_RADPS, ANSWER_MEMORY_S = 1.5, 5.0
-"""Of the filters that tell what is straight motion: quicker than the vehicle follows a ground, which then
-would seem to move along; and of the regression, about a period of the nod."""
+"""Of straight motion: quicker than the vehicle follows a ground; of the regression: a period of the nod."""
 
 SCATTER_M, LEAST_INFORMATION = 0.015, 25.0
 """Least standard deviation of a range, in whole centimetres; f is told when its own is below 1/5."""
@@ -56,10 +53,8 @@ HISTORY_S = 1.0
 """How much longer than the range's delay the vehicle's depth is kept: telemetry is late too."""
 
 ANSWERS, MOVES_ALONG = 0.5, 0.7
-"""Shares of the vehicle's motion: a ground that makes less has not moved along, one that makes more has.
-
-All and nothing are equally likely at one half; 0.7 is a standard deviation beyond.
-"""
+"""Shares of the vehicle's motion: a ground that makes less has not moved along, one that makes more has: all
+and nothing are equally likely at one half, and 0.7 is a standard deviation (1/5) beyond."""
 
 MOST_SENSORS = 10
 """As many rangefinders as ArduPilot has."""

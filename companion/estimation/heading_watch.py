@@ -1,20 +1,17 @@
 """Whether the heading is wrong: held against the gyro, and against the course over ground.
 
-Against the gyro: D is how far the heading has turned without the gyro. A compass that iron or motors bend
-turns the heading, and no gyro sees it; a bias that the autopilot has not found turns it as well.
+Against the gyro: D is how far the heading has turned without the gyro (iron, motors, or a gyro's bias).
 
     D' = ψ' − r − D/GYRO_MEMORY_S       reported beyond GYRO_REPORTED_RAD and GYRO_SCALE of what was turned
 
 Against the course: thrust pushes along the true heading, and is sent along the believed one. The velocity
-over ground is v = v₀ + e^{iθ} u, where u is what the thrust of the model makes by the believed heading,
-and v₀ what the water does beside the nominal damping. A fading-memory filter with a double pole at
-OMEGA_RADPS takes what is slow (current, tether) out of both:
+over ground is v = v₀ + e^{iθ} u: u is what the model's thrust makes by the believed heading, v₀ what the
+water does. A fading-memory filter with a double pole at OMEGA_RADPS takes what is slow out of both:
 
     θ = arg S_uv     σ² = (1 − c²)/(2 n c²)     c² = |S_uv|²/(S_uu S_vv)     S over COURSE_MEMORY_S
 
-with n = OMEGA_RADPS times the seconds that are remembered. It counts as wrong by |θ| − 2σ: a vehicle that is
-hardly pushed, or is moved by something else, says nothing. A velocity that is measured in body axes and
-turned by the same heading (a DVL without a position of its own) always agrees.
+with n = OMEGA_RADPS times the seconds that are remembered. It counts as wrong by |θ| − 2σ. A velocity that is
+measured in body axes and turned by the same heading (a DVL without a position of its own) always agrees.
 
 | symbol | meaning                                     | unit  |
 |--------|---------------------------------------------|-------|

@@ -31,8 +31,8 @@ DEPTH_RESET_M = 0.04
 """Less is followed. In waves relative_alt is off what the climb rate gives by 15 mm at most (simulator)."""
 
 MEMORY_S = 1.0
-"""Resets that are each too small are added up over this time. So a yaw that is corrected in many small steps
-by more than about 1 °/s counts as reset as well; a slower correction is followed."""
+"""Resets that are each too small are added up over this time: a yaw that is corrected by less than about
+1 °/s is followed."""
 
 BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
 """What an interruption that is ridden out may bring beside the fastest rate before and after it."""
@@ -59,11 +59,10 @@ DRIFT_S = 5.0
 class ResetDetector:
     """Compares each sample of one signal with what the rates say it should be since the sample before.
 
-    Between two samples the rate is taken as a straight line. What a rate that does not follow this line can
-    add is the uncertainty: half of its change times the gap, and what `max_acceleration` gives and takes back
-    in the gap. It is no reset, so a gap in the telemetry while the vehicle really turns is none. Where it is
-    larger than the threshold, what does not exceed it is not added up. Over a gap of up to BLIND_S `blind` is
-    added to the way at the larger rate.
+    Between two samples the rate is a straight line. The uncertainty is what another one can add: half of its
+    change times the gap, and what `max_acceleration` gives and takes back in it. Where it is larger than the
+    threshold, what does not exceed it is not added up. Over a gap of up to BLIND_S `blind` is added to the
+    way at the larger rate.
     """
 
     def __init__(

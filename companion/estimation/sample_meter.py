@@ -27,8 +27,8 @@ MEMORY_S, FIRST_S = 5.0, 2.0
 """Over how long noise is averaged; for how long the configured noise counts at first."""
 
 NOISY, QUIET = 3.0, 2.0
-"""Over the configured noise: from which on the measured one is used, and below which no longer. What the
-EKF's depth shows is its steps of 1 mm: 0.5 to 1.0 mm, with 0.6 mm configured (firmware and simulator)."""
+"""Over the configured noise: from which on the measured one is used, and below which no longer. The EKF's
+depth shows its steps of 1 mm: 0.5 to 1.0 mm, with 0.6 mm configured (firmware and simulator)."""
 
 NEAR, GRADE = 1.5, math.sqrt(2.0)
 """The noise in use stays while the measured one is so near: the configured one times a power of GRADE."""

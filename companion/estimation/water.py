@@ -6,8 +6,7 @@
 | v_r    | velocity through the water: d1 v_r + d2 v_r |v_r| = F, by axis         | m/s  |
 | v_c    | current, v − v_r, the mean of MEAN_S                                   | m/s  |
 
-What else pulls (a tether) counts as water, and the damping may be another than the nominal one. The doubt has
-both, and the spread of v_c that is left in the mean.
+What else pulls (a tether) counts as water: the doubt has it, that of the damping, and the spread of v_c.
 """
 
 import math
@@ -47,10 +46,6 @@ class Water:
     """Finds the current from tick to tick."""
 
     def __init__(self) -> None:
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget it."""
         self._mean = _Mean()
         self._seen_s = self._unseen_s = 0.0
 
@@ -69,7 +64,7 @@ class Water:
         if not seen or not dt_s > 0.0:
             self._unseen_s += dt_s
             if self._unseen_s > KEPT_S:
-                self.restart()
+                self._mean, self._seen_s = _Mean(), 0.0
             return self._current()
         self._unseen_s = 0.0
         J, eta_dot, disturbance = jacobian(motion.eta[PSI]), motion.eta_dot, motion.disturbance
