@@ -149,7 +149,7 @@ class Estimator:
         Their memory is forgotten where the autopilot booted. `learns` tells by axis whether our commands
         alone moved the vehicle, `held` whether a place is held.
         """
-        if not all([observers.is_believable(dof.state) for dof in memory.dofs]):
+        if not all(map(observers.is_believable, [dof.state for dof in memory.dofs])):
             self.restart()
         self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
         self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
