@@ -11,12 +11,12 @@ from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.faults import Faults
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot
-from sim_bridge.firmware.link import Link
+from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.plant import Body, Six, State, Three, disturbance, euler
-from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, RangeFault, Sensors
+from sim_bridge.physics.rangefinder import RangeFault
+from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Sensors
 
 SLOW_PERIOD_STEPS = 20
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from sim_bridge.config import SensorConfig
 from sim_bridge.firmware.autopilot import Autopilot
-from sim_bridge.firmware.link import Link
+from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.physics.plant import GRAVITY, rotation
 from sim_bridge.physics.sensors import Sensors
 

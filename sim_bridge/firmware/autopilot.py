@@ -13,10 +13,9 @@ from sim_bridge.firmware.board import NOWHERE, Board, Origin
 from sim_bridge.firmware.commands import Commands
 from sim_bridge.firmware.failsafes import Failsafes
 from sim_bridge.firmware.frames import Message
-from sim_bridge.firmware.link import Link
+from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.firmware.params import DEFAULTS, Parameters
-from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.firmware.streams import TRANSFER_SLOWDOWN
 from sim_bridge.physics.sensors import Sensors
 

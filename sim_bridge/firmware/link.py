@@ -1,5 +1,6 @@
-"""One MAVLink channel of the autopilot: bytes to messages and back, its streams, who has been heard."""
+"""MAVLink channels of the autopilot: bytes to messages and back, streams, who was heard, the signing key."""
 
+import hashlib
 from collections import deque
 from collections.abc import Sequence
 
@@ -7,10 +8,26 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware import frames
 from sim_bridge.firmware.frames import Message
-from sim_bridge.firmware.signing import KeyStore
 from sim_bridge.firmware.streams import Streams
 
 COMPONENT = 1
+UTC_AT_BOOT_S, MAVLINK_EPOCH_S = 1_760_000_000, 1_420_070_400
+
+
+class KeyStore:
+    """The signing key, None for no signing, and the timestamp (10 µs since 2015) that signing starts from.
+
+    It outlives reboots and goes for every link.
+    """
+
+    def __init__(self, passphrase: str) -> None:
+        self.key = hashlib.sha256(passphrase.encode()).digest() if passphrase else None
+        self.timestamp = (UTC_AT_BOOT_S - MAVLINK_EPOCH_S) * 100_000
+
+    def set_up(self, key: bytes, timestamp: int) -> None:
+        """Take a new key (SETUP_SIGNING); all zero bytes take it away."""
+        self.key = key if any(key) else None
+        self.timestamp = max(self.timestamp, timestamp)
 
 
 class Link:

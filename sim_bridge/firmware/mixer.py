@@ -19,30 +19,13 @@ def mix_six_dof(demand: Demand) -> Outputs:
     Each group is divided by its largest output above 1.
     """
     roll, pitch, yaw, throttle, forward, lateral = demand
-    a, b, c, d = (
-        yaw - forward + lateral,
-        -yaw - forward - lateral,
-        -yaw + forward + lateral,
-        yaw + forward - lateral,
-    )
-    e, f, g, h = (
-        roll - pitch - throttle,
-        -roll - pitch - throttle,
-        roll + pitch - throttle,
-        -roll + pitch - throttle,
-    )
+    a, b = yaw - forward + lateral, -yaw - forward - lateral
+    c, d = -yaw + forward + lateral, yaw + forward - lateral
+    e, f = roll - pitch - throttle, -roll - pitch - throttle
+    g, h = roll + pitch - throttle, -roll + pitch - throttle
     across = max(1.0, abs(a), abs(b), abs(c), abs(d))
     upright = max(1.0, abs(e), abs(f), abs(g), abs(h))
-    return (
-        a / across,
-        b / across,
-        c / across,
-        d / across,
-        e / upright,
-        f / upright,
-        g / upright,
-        h / upright,
-    )
+    return a / across, b / across, c / across, d / across, e / upright, f / upright, g / upright, h / upright
 
 
 def mix_vectored(demand: Demand) -> Outputs:

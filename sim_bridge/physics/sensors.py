@@ -13,6 +13,7 @@ from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
+from sim_bridge.physics.rangefinder import RangeFault, Rangefinder
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0
@@ -34,8 +35,6 @@ NEAREST_M = 0.3
 """A dipole's field is not a dipole's nearer than this."""
 ODOMETRY_LASTS_S = 0.2
 """The firmware takes odometry that is older for none."""
-STEEPEST_ECHO = 0.5
-"""Cosine of the tilt from which a rangefinder hears nothing."""
 NORMALS_OF_A_READING = 16
 """At most so many normal numbers go into a reading."""
 
@@ -87,16 +86,6 @@ def deviation(steel: Steel, state: State) -> float:
     return math.atan2(east, EARTH_NORTH_UT + north)
 
 
-class RangeFault(NamedTuple):
-    """What is wrong with the rangefinder (`FAULT_KINDS`)."""
-
-    false_m: float | None = None
-    """NaN hears nothing; None is sound."""
-    answers: float = 1.0
-    scale: float = 1.0
-    drift_mps: float = 0.0
-
-
 class Sensors:
     """Keeps a short history of the true motion and reports from it."""
 
@@ -108,29 +97,14 @@ class Sensors:
         seabed: Seabed | None = None,
         steel: Steel | None = None,
     ) -> None:
-        """Begin without a reading.
-
-        Args:
-            config: of the sensors.
-            step_s: period of `record`.
-            rng: of all noise.
-            seabed: over which a DVL and a rangefinder measure.
-            steel: what turns the compass.
-
-        """
+        """Begin without a reading. DVL and rangefinder measure over `seabed`; `steel` turns the compass."""
         self._config = config
         self._step_s = step_s
         slow_rng, self._white_rng, offset_rng, *defect_rngs, range_rng, report_rng = rng.spawn(10)
         self._odometry: tuple[float, float] = (0.0, 0.0)
         self._odometry_age_s = math.inf
         self._seabed = seabed
-        self._range_rng = range_rng
-        self._range_m = math.nan
-        self._echoes: deque[float] = deque()
-        self._range_fault = RangeFault()
-        self._sound_range_m, self._drifted_m = math.nan, 0.0
-        self._range_steps = max(1, round(config.range_period_s / step_s))
-        self._late_ranges = round(config.range_delay_s / (self._range_steps * step_s))
+        self._rangefinder = Rangefinder(config, step_s, range_rng, seabed)
         self._steel = steel
         self._deviation_rad = self._turned_north_rad = 0.0
         self._dvl_silenced = False
@@ -171,18 +145,11 @@ class Sensors:
         self._raw_depth = 0.0
         self._estimate: Estimate | None = None
         self._last: Estimate | None = None
-        instruments = (self._depth_defects, self._attitude_defects, self._dvl_defects)
-        self._is_spoilt = bool(steel or self._errors) or any(one.active for one in instruments)
+        spoilt = self._depth_defects.active or self._attitude_defects.active or self._dvl_defects.active
+        self._is_spoilt = bool(steel or self._errors or spoilt)
 
     def record(self, state: State, acceleration: Three, wave_m: float) -> None:
-        """Take in the truth of one step.
-
-        Args:
-            state: x, y, z, quaternion, nu (SI, NED and body).
-            acceleration: over the ground, in body axes (m/s²).
-            wave_m: dynamic wave pressure there, in metres of water.
-
-        """
+        """Take in the truth of one step: acceleration (body, m/s²), pressure of the waves (m of water)."""
         if self._config.wave_pressure and wave_m:
             x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = state
             state = (x, y, z + wave_m, q0, q1, q2, q3, u, v, w, p, q, r)
@@ -197,11 +164,7 @@ class Sensors:
                 self._unit_noise.step()
             if self._is_spoilt:
                 self._step_defects(state)
-        if self._config.rangefinder and self._count % self._range_steps == 0:
-            self._echoes.append(self._echo(state))
-            if len(self._echoes) > self._late_ranges:
-                self._range_m = self._echoes.popleft()
-                self._estimate = None
+        self._rangefinder.step(self._count, state)
         if self._count % self._pressure_steps == 0:
             depth = self._delayed(self._config.pressure_delay_s)[2]
             raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
@@ -240,7 +203,7 @@ class Sensors:
         depth_lag_s: float,
     ) -> None:
         """Turn magnetic north clockwise (rad), silence the DVL, spoil the rangefinder and the EKF's depth."""
-        self._range_fault = ranges
+        self._rangefinder.fault = ranges
         if depth_lag_s and not self._lag_s and self._history:
             self._mean_depth_m = self._history[-1][0][2]
         self._noise_m, self._lag_s = depth_noise_m, depth_lag_s
@@ -256,22 +219,22 @@ class Sensors:
             behind = math.remainder(north_rad - self._deviation_rad, math.tau)
             self._deviation_rad += behind * NOISE_PERIOD_S / COMPASS_TAU_S
         if self._errors:
-            misled = self._odometry
             self._odometry_age_s += NOISE_PERIOD_S
-            heading_error = self._heading_error()
-            if heading_error and not (self._config.dvl_by_mavlink or self._config.dvl_knows_north):
-                north, east, _ = ned_velocity(state)
-                seen_north, seen_east = self._as_measured(state, state[7:10])
-                misled = (seen_north - north, seen_east - east)
-            locked = self._is_locked(state)
-            if self._reports:
-                off = self._reports.step(math.hypot(*state[10:]))
-                if locked and off is not None:
-                    north, east, _ = ned_velocity(state)
-                    late = self._delayed(self._config.dvl_reports.delay_s)
-                    said_north, said_east = self._as_measured(state, late[7:10])
-                    self._errors.report((said_north - north + off[0], said_east - east + off[1]))
-            self._errors.step(misled, locked=locked and not self._reports)
+            self._step_position(self._errors, state)
+
+    def _step_position(self, errors: PositionErrors, state: State) -> None:
+        config, misled, locked = self._config, self._odometry, self._is_locked(state)
+        north, east, _ = ned_velocity(state)
+        if self._heading_error() and not (config.dvl_by_mavlink or config.dvl_knows_north):
+            seen_north, seen_east = self._as_measured(state, state[7:10])
+            misled = (seen_north - north, seen_east - east)
+        if self._reports:
+            off = self._reports.step(math.hypot(*state[10:]))
+            if locked and off is not None:
+                late = self._delayed(config.dvl_reports.delay_s)
+                said_north, said_east = self._as_measured(state, late[7:10])
+                errors.report((said_north - north + off[0], said_east - east + off[1]))
+        errors.step(misled, locked=locked and not self._reports)
 
     def hear_odometry(self, way_m: Three, lasted_s: float) -> None:
         """Take how far a DVL says the vehicle came in its own axes (m) in a time, as the EKF fuses it."""
@@ -299,27 +262,6 @@ class Sensors:
         if config.dvl_by_mavlink:
             return not out and self._odometry_age_s <= ODOMETRY_LASTS_S
         return config.dvl and not out and in_range
-
-    def _echo(self, state: State) -> float:
-        """Return the range along the hull's own down axis (m); NaN for no echo."""
-        config = self._config
-        if self._seabed is None:
-            return math.nan
-        fault = self._range_fault
-        if fault.false_m is not None:
-            return fault.false_m
-        down = down_axis(state)[2]
-        if down < STEEPEST_ECHO:
-            return math.nan
-        over_m = self._seabed.depth_at(state[0], state[1]) - state[2]
-        range_m = over_m / down
-        if (fault.answers == 1.0 and not fault.drift_mps) or math.isnan(self._sound_range_m):
-            self._sound_range_m, self._drifted_m = range_m, 0.0
-        self._drifted_m += fault.drift_mps * self._range_steps * self._step_s
-        sound_m = self._sound_range_m
-        range_m = fault.scale * (sound_m + fault.answers * (range_m - sound_m) + self._drifted_m)
-        range_m += config.range_white_m * float(self._range_rng.standard_normal())
-        return range_m if config.range_min_m <= range_m <= config.range_max_m else math.nan
 
     def rezero(self) -> None:
         """Arming moves the zero of relative_alt."""
@@ -435,7 +377,7 @@ class Sensors:
             SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
             accel,
             position,
-            self._range_m,
+            self._rangefinder.range_m,
             rise,
         )
 

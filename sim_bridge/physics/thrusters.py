@@ -78,33 +78,13 @@ def each_motor(pwm: Sequence[int]) -> Eight:
 
 def static_thrust(thrusters: Thrusters, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is a dead thruster."""
-    healthy = (
-        curve(thrusters, pwm[0]),
-        curve(thrusters, pwm[1]),
-        curve(thrusters, pwm[2]),
-        curve(thrusters, pwm[3]),
-        curve(thrusters, pwm[4]),
-        curve(thrusters, pwm[5]),
-        curve(thrusters, pwm[6]),
-        curve(thrusters, pwm[7]),
-    )
-    return scaled(thrusters, health, healthy, voltage_v)
+    return scaled(thrusters, health, _eight([curve(thrusters, us) for us in pwm]), voltage_v)
 
 
 def scaled(thrusters: Thrusters, health: Eight, curve_n: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) of thrusters whose curve gives `curve_n` (N)."""
     scale = (voltage_v / CURVE_VOLTAGE_V) * (voltage_v / CURVE_VOLTAGE_V)
-    a, b, c, d, e, f, g, h = thrusters.gain
-    return (
-        curve_n[0] * a * health[0] * scale,
-        curve_n[1] * b * health[1] * scale,
-        curve_n[2] * c * health[2] * scale,
-        curve_n[3] * d * health[3] * scale,
-        curve_n[4] * e * health[4] * scale,
-        curve_n[5] * f * health[5] * scale,
-        curve_n[6] * g * health[6] * scale,
-        curve_n[7] * h * health[7] * scale,
-    )
+    return _eight([curve_n[i] * thrusters.gain[i] * health[i] * scale for i in range(len(curve_n))])
 
 
 def curve(thrusters: Thrusters, pwm: float) -> float:
@@ -125,17 +105,7 @@ def curve(thrusters: Thrusters, pwm: float) -> float:
 
 def lagged(thrust: Eight, static: Eight, follow: float) -> Eight:
     """One step of the first-order lag; `follow` is what `follow_of` gives for its length."""
-    a, b, c, d, e, f, g, h = thrust
-    return (
-        a + follow * (static[0] - a),
-        b + follow * (static[1] - b),
-        c + follow * (static[2] - c),
-        d + follow * (static[3] - d),
-        e + follow * (static[4] - e),
-        f + follow * (static[5] - f),
-        g + follow * (static[6] - g),
-        h + follow * (static[7] - h),
-    )
+    return _eight([thrust[i] + follow * (static[i] - thrust[i]) for i in range(len(thrust))])
 
 
 class Starting(NamedTuple):
