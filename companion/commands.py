@@ -94,17 +94,12 @@ def run(argv: list[str]) -> int:
         EXAMPLES,
     )
     _add_config(parser)
-    parser.add_argument("--engage", action="store_true", help="engage as soon as it is permitted")
-    parser.add_argument("--arm", action="store_true", help="arm the vehicle when it engages, now or later")
-    parser.add_argument(
-        "--depth-only",
-        action="store_true",
-        help="steer in STABILIZE: the firmware keeps roll, pitch and heading",
-    )
-    parser.add_argument(
-        "--allow-control",
-        action="store_true",
-        help="also accept commands over Zenoh from other machines, see `holdfast tell`",
+    _add_flags(
+        parser,
+        engage="engage as soon as it is permitted",
+        arm="arm the vehicle when it engages, now or later",
+        depth_only="steer in STABILIZE: the firmware keeps roll, pitch and heading",
+        allow_control="also accept commands over Zenoh from other machines, see `holdfast tell`",
     )
     for option, unit in (("--depth", "M"), ("--heading", "DEG")):
         parser.add_argument(option, type=float, metavar=unit, help="to hold; default: the present one")
@@ -153,20 +148,21 @@ def _refusing() -> Iterator[None]:
         raise RefusedError(str(error)) from error
 
 
+def _add_flags(parser: argparse.ArgumentParser, **flags: str) -> None:
+    """Add options without a value, by name and help."""
+    for name, text in flags.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", action="store_true", help=text)
+
+
 def _add_config(parser: argparse.ArgumentParser) -> None:
     """Add what says where the configuration is, which vehicle, and what differs."""
     parser.add_argument("--config", type=Path, metavar="FILE", help="default: config/companion.toml")
-    parser.add_argument(
-        "--vehicle",
-        metavar="NAME|FILE",
-        help="a name of config/vehicles/, such as heavy, or a file; default: what the configuration names",
-    )
-    parser.add_argument(
-        "--name", metavar="NAME", help="name of the vehicle in telemetry; default: vehicle.name"
-    )
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of either file"
-    )
+    for option, metavar, text in (
+        ("--vehicle", "NAME|FILE", "a name of config/vehicles/, or a file; default: the configuration's"),
+        ("--name", "NAME", "name of the vehicle in telemetry; default: vehicle.name"),
+    ):
+        parser.add_argument(option, metavar=metavar, help=text)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key")
 
 
 def _configuration(arguments: argparse.Namespace) -> "Config":
@@ -186,12 +182,11 @@ def check(argv: list[str]) -> int:
         CHECK_EXAMPLES,
     )
     _add_config(parser)
-    parser.add_argument(
-        "--json",
-        nargs="?",
-        const="-",
-        metavar="FILE",
-        help="for scripts: write JSON to FILE; without FILE print it instead of the table",
+    _add_flags(
+        parser,
+        json="for scripts: print JSON instead of the table",
+        thrusters="send a pulse on each axis: the vehicle MOVES; it must be dived",
+        yes="do not ask before --thrusters moves it",
     )
     parser.add_argument(
         "--set-origin",
@@ -199,12 +194,6 @@ def check(argv: list[str]) -> int:
         metavar="LAT,LON",
         help="set the EKF origin, in degrees, at the surface",
     )
-    parser.add_argument(
-        "--thrusters",
-        action="store_true",
-        help="send a pulse on each axis: the vehicle MOVES; it must be dived",
-    )
-    parser.add_argument("--yes", action="store_true", help="do not ask before --thrusters moves it")
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
@@ -229,12 +218,10 @@ def check(argv: list[str]) -> int:
             if arguments.thrusters and not arguments.yes and not _agreed(THRUSTERS_MOVE):
                 return 130
             rows, notes = inspect(config, origin=arguments.set_origin, thrusters=arguments.thrusters)
-    if arguments.json == "-":
+    if arguments.json:
         sys.stdout.write(as_json(rows, notes) + "\n")
     else:
         show(rows, notes)
-        if arguments.json:
-            Path(arguments.json).write_text(as_json(rows, notes) + "\n", encoding="utf-8")
     return int(worst(rows))
 
 
@@ -249,8 +236,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         IDENTIFY_EXAMPLES,
     )
     _add_config(parser)
-    parser.add_argument("--arm", action="store_true", help="arm the vehicle when engaging")
-    parser.add_argument("--yes", action="store_true", help="do not ask before it moves")
+    _add_flags(parser, arm="arm the vehicle when engaging", yes="do not ask before it moves")
     parser.add_argument(
         "--out", type=Path, default=Path("vehicle.toml"), metavar="FILE", help="default: %(default)s"
     )
@@ -316,22 +302,22 @@ def init(argv: list[str]) -> int:
     for question in questions():
         words = "|".join(choice.word for choice in question.choices) or "NAME"
         parser.add_argument(f"--{question.name}", metavar=words, help=question.text)
-    parser.add_argument("--yes", action="store_true", help="ask nothing: the first choice of each question")
+    _add_flags(parser, yes="ask nothing: the first choice of each question")
     arguments = parser.parse_args(argv)
     out = arguments.out
     files.refuse_existing(out)
     if not arguments.yes and not sys.stdin.isatty():
         raise RefusedError("nobody can be asked here: say --yes, and answer by options what differs")
     values: dict[str, float | str] = {}
-    try:
-        for question in questions():
-            given = getattr(arguments, question.name)
-            if given is None and not arguments.yes:
+    for question in questions():
+        given = getattr(arguments, question.name)
+        if given is None and not arguments.yes:
+            try:
                 given = input(question.prompt)
-            with _refusing():
-                values[question.key] = question.value((given or "").strip())
-    except EOFError:
-        return 130
+            except EOFError:
+                return 130
+        with _refusing():
+            values[question.key] = question.value((given or "").strip())
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(with_values(DEFAULT_FILE.read_text(encoding="utf-8"), values), encoding="utf-8")
     try:
