@@ -22,7 +22,7 @@ from companion.telemetry.schemas import Plan
 from dashboard.vehicles import MOST_VEHICLES, Vehicle
 from dashboard.web import cockpit, connections, gate, vocabulary
 from dashboard.web.columns import COLUMNS
-from dashboard.web.connections import BACKLOG, Connection, Connections, SparingFilter, most_crowded
+from dashboard.web.connections import BACKLOG, Connection, Connections, is_ours, most_crowded
 from dashboard.web.fleet import Histories, VehicleHistory
 from dashboard.web.options import DashboardOptions, announcement
 from dashboard.web.ring import next_row
@@ -388,7 +388,7 @@ async def _serve(settings: DashboardOptions) -> None:
 def main(settings: DashboardOptions) -> int:
     """Serve until SIGINT or SIGTERM; return the exit status."""
     log = logging.StreamHandler()
-    log.addFilter(SparingFilter())
+    log.addFilter(is_ours)
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
     try:
         asyncio.run(_serve(settings))

@@ -23,8 +23,6 @@ MOST_HEADERS = 64
 BACKLOG = 128
 AGAIN_S = 0.1
 """After a connection could not be accepted."""
-LOGGED = 5
-LOGGED_WITHIN_S = 60.0
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +47,7 @@ class Connections:
 
     async def accept(self, listener: socket.socket) -> None:
         """Take connections for ever; close nothing but them."""
-        loop = asyncio.get_running_loop()
+        loop, told = asyncio.get_running_loop(), ""
         while True:
             try:
                 line, _ = await loop.sock_accept(listener)
@@ -57,7 +55,9 @@ class Connections:
             except ConnectionError:
                 continue  # it has gone already
             except OSError as error:
-                _log.warning("no connection can be accepted: %s", error)
+                if str(error) != told:  # a flood of them is told once
+                    _log.warning("no connection can be accepted: %s", error)
+                told = str(error)
                 self.make_room()
                 await asyncio.sleep(AGAIN_S)
 
@@ -125,25 +125,6 @@ def most_crowded(connections: Collection[Connection]) -> Connection:
     return next(connection for connection in connections if count[connection.address] == most)
 
 
-class SparingFilter(logging.Filter):
-    """Passes a few records of each logger in a minute, and says that it keeps back the rest.
-
-    What a stranger sent is no error of ours: such a record loses its traceback.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._passed: dict[str, tuple[float, int]] = {}
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether to log it."""
-        since_s, count = self._passed.get(record.name, (record.created, 0))
-        if record.created - since_s >= LOGGED_WITHIN_S:
-            since_s, count = record.created, 0
-        self._passed[record.name] = since_s, count + 1
-        if record.exc_info and isinstance(record.exc_info[1], HttpProcessingError):
-            record.exc_info = None
-        if count + 1 == LOGGED:
-            more = f"{record.getMessage()} (more of this kind are left out for a while)"
-            record.msg, record.args = more, ()
-        return count < LOGGED
+def is_ours(record: logging.LogRecord) -> bool:
+    """Tell whether to log a record: what a stranger sent is no error of ours."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
