@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from msgspec.structs import asdict
 
 from companion import registry
@@ -31,7 +30,7 @@ from companion.core.tilt import (
 )
 from companion.estimation.estimator import Estimator
 from companion.estimation.observer_design import hidden_delay_parameters, model_tables
-from companion.records import AXES, PSI, Array, vector
+from companion.records import AXES, PSI, vector
 from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
 from companion.supervision.guard import Envelope
 
@@ -267,8 +266,3 @@ def changed(old: Config, new: Config) -> set[str]:
             f"{', '.join(sorted(fixed))}: cannot change while running; of the file only {', '.join(LIVE)} can"
         )
     return names
-
-
-def each(config: Config, key: str) -> Array:
-    """Return one key of all four axes, (4,): surge, sway, heave, yaw."""
-    return np.array([getattr(axis, key) for axis in config.axes])

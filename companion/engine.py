@@ -1,4 +1,4 @@
-"""One tick on one screen: estimate, permit, guide, law, thrust, guard, send. No clock, socket or thread."""
+"""One tick on one screen, read downwards. No clock, socket or thread."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -7,25 +7,14 @@ from msgspec.structs import replace
 
 from companion import assembly
 from companion.config import Config
-from companion.core import attitude, observers
+from companion.core import attitude, observers, tick
 from companion.core.actuation import FULL, NONE
 from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
 from companion.core.controller import Samples
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.core.reference import Reference
-from companion.core.tick import (
-    Demand,
-    Known,
-    Memory,
-    confirm,
-    control,
-    observe,
-    references,
-    referred,
-    retuned,
-    start,
-)
+from companion.core.tick import Demand, Known, Memory
 from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
 from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
@@ -52,7 +41,6 @@ from companion.records import (
     LoopHealth,
     PilotSticks,
     Request,
-    Sender,
     Setpoint,
     State,
     StatusText,
@@ -120,15 +108,17 @@ class Engine:
         assembly.refuse_fast_gains(config)
         self._config = config
         self._tick_s = 1.0 / config.loop.rate_hz
-        self._autopilot = Autopilot(config, signing)
-        self.heard = self._autopilot.heard
+        self._autopilot = autopilot = Autopilot(config, signing)
+        self.heard, self.sender, self.hello = autopilot.heard, autopilot.sender, autopilot.hello
         self._estimator = assembly.estimator(config)
-        self._fitness = Fitness(self._autopilot)
-        self._supervision = Supervision(config, self._autopilot.parameters, arm=arm)
+        self._fitness = Fitness(autopilot)
+        self._supervision = Supervision(config, autopilot.parameters, arm=arm)
+        self.refusal = self._supervision.refusal
         self._guidance = Guidance(config, setpoint)
+        self.aim = self._guidance.aim
         self.parameters = assembly.parameters(config)
         """What the core knows beforehand."""
-        self.memory = start(self.parameters)
+        self.memory = tick.start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
         self._noise = noise_of(config)
         """For which the Kalman gains are."""
@@ -160,18 +150,18 @@ class Engine:
         """
         heard = self._receive(now_s, datagrams, ground, requests, loop)
         memory, inputs = self._estimate(heard)
-        memory, known = observe(self.parameters, memory, inputs)
+        memory, known = tick.observe(self.parameters, memory, inputs)
         state = self._estimator.update(
             inputs, known.motion, known.model, known.dead_motor, memory.actuated.delivered
         )
         demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)
         verdict, permission = self._permit(heard, memory, known, state, demanded)
-        reference = references(self.parameters, memory, known, permission)
+        reference = tick.references(self.parameters, memory, known, permission)
         wanted = self._guide(heard, known, state, demanded, verdict, reference)
-        memory, demand = control(self.parameters, memory, known, permission, wanted, heard.control_dt_s)
+        memory, demand = tick.control(self.parameters, memory, known, permission, wanted, heard.control_dt_s)
         guarded = self._guard(demand, state, demanded, verdict)
         frames = self._send(heard, state, guarded)
-        memory = confirm(self.parameters, memory, demand, guarded.applied, guarded.held)
+        memory = tick.confirm(self.parameters, memory, demand, guarded.applied, guarded.held)
 
         self.memory = memory if demand.finite else self._without_motion(memory)
         self.last = Tick(heard, state, demand, by_quantity(demand.samples), guarded)
@@ -205,14 +195,6 @@ class Engine:
         neutral = self._autopilot.neutral() if self.steering else b""
         return neutral + (self._autopilot.set_mode(mode) if mode is not None else b"")
 
-    def sender(self, datagram: bytes) -> Sender:
-        """Tell whether a datagram is our vehicle's, for a link that listens (`Autopilot.sender`)."""
-        return self._autopilot.sender(datagram)
-
-    def hello(self) -> bytes:
-        """Return a heartbeat for whoever is not yet our peer (`Autopilot.hello`)."""
-        return self._autopilot.hello()
-
     @property
     def config(self) -> Config:
         """What is in force now."""
@@ -222,10 +204,6 @@ class Engine:
     def verdict(self) -> Verdict:
         """The last tick's."""
         return self._supervision.verdict
-
-    def refusal(self, request: Request) -> str:
-        """Return why a request would be refused now, and what to do; empty where it is accepted."""
-        return self._supervision.refusal(request)
 
     @property
     def state(self) -> VehicleState:
@@ -237,10 +215,6 @@ class Engine:
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
         return self._estimator.frame.now.outside(self._guidance.target.eta_d)
-
-    def aim(self, setpoint: Setpoint) -> None:
-        """Take a new setpoint (`Guidance.aim`)."""
-        self._guidance.aim(setpoint)
 
     @property
     def asked(self) -> Vector:
@@ -260,12 +234,8 @@ class Engine:
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
         now_s = 0.0 if self.last is None else self.last.heard.now_s
-        reference = referred(self.memory.controlled, self.memory.limits)
+        reference = tick.referred(self.memory.controlled, self.memory.limits)
         self._guidance.guide(order, now_s, reference)
-
-    def checked(self, state: VehicleState) -> list[CheckRow]:
-        """Return the pre-dive list as far as it is known without trying anything."""
-        return self._fitness.checked(state, self._config, self.verdict.conditions)
 
     @property
     def check_list(self) -> list[CheckRow]:
@@ -296,7 +266,7 @@ class Engine:
             measured = self._as_measured(config)
             parameters = assembly.parameters(measured)
             last = None if self.last is None else self.last.demand
-            self.memory = retuned(self.parameters, parameters, self.memory, last)
+            self.memory = tick.retuned(self.parameters, parameters, self.memory, last)
             self.parameters = parameters
             self._estimator.retune(config, parameters.control.model)
             self._noise, self._redesign = noise_of(measured), None
@@ -479,17 +449,17 @@ class Engine:
         self._estimator.restart()
         return memory._replace(actuated=memory.actuated._replace(pace=FULL))
 
-    def _record(self, tick: Tick) -> ControlSample:
+    def _record(self, done: Tick) -> ControlSample:
         """Return the record of a tick."""
-        heard, state, frame, actuated = tick.heard, tick.state, self._estimator.frame, self.memory.actuated
+        heard, state, frame, actuated = done.heard, done.state, self._estimator.frame, self.memory.actuated
         said = [report for report in heard.reports if isinstance(report, StatusText)]
         return ControlSample(
             state=frame.reported_state(state),
-            eta_d=frame.now.outside(self._guidance.reference_now(tick.dofs.x_d, state)),
+            eta_d=frame.now.outside(self._guidance.reference_now(done.dofs.x_d, state)),
             angles_d=attitude.angles(actuated.held),
-            dofs=frame.reported_dofs(tick.dofs),
-            command=tick.guarded.command,
-            requested=tick.demand.requested,
+            dofs=frame.reported_dofs(done.dofs),
+            command=done.guarded.command,
+            requested=done.demand.requested,
             delivered=actuated.delivered,
             verdict=self.verdict,
             counters=replace(self._autopilot.counters),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, hold
 
-from companion import engine
+from companion.core import tick
 from companion.core.allocation import ByAxis
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
@@ -75,8 +75,8 @@ def test_a_live_dive_is_the_compiled_one(monkeypatch):
         put(found[-1], memory, demand.known)
         return memory
 
-    monkeypatch.setattr(engine, "control", controlled)
-    monkeypatch.setattr(engine, "confirm", confirmed)
+    monkeypatch.setattr(tick, "control", controlled)
+    monkeypatch.setattr(tick, "confirm", confirmed)
     plant = ("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.35", "waves.enabled=true")
     dive = Dive("initial.eta=[0,0,2.5,0,0,0]", *plant, setpoint=hold(z=2.5, x=0.0, y=0.0), arm=True)
     dive.tap.to_vehicle.append(Somebody().origin())

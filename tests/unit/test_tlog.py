@@ -45,7 +45,7 @@ def heard(records: Iterator[TlogRecord]) -> tuple[list[ControlSample], list[Chec
         _, sample = engine.step(START_S + tick / RATE_HZ, frames, health, (), relay.take())
         samples.append(sample)
         if tick % RATE_HZ == 0 and sample.state.ages.link_s < 1.0:
-            checked = engine.checked(sample.state)
+            checked = engine.check_list
     return samples, checked
 
 
