@@ -32,39 +32,36 @@ def main(argv: list[str]) -> int:
         EXAMPLES,
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files of one dive, MCAP")
-    parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="use FILE instead of the recorded configuration"
-    )
     add_settings(parser)
     removed_option(parser, "--out", "the table says when and by how much the commands differ")
+    removed_option(parser, "--config", "--set KEY=VALUE changes a key of the recorded configuration")
     options = parser.parse_args(argv)
-    changed = bool(options.set or options.config)
     try:
-        tape, outcome = bounded(again, options.files, options.files, options.set, options.config)
+        tape, outcome = bounded(again, options.files, options.files, options.set)
     except ValueError as error:
         sys.stderr.write(f"holdfast lab rerun: {error}\n")
         return 2
-    sys.stdout.write("\n".join(lines(tape, outcome, changed)) + "\n")
+    sys.stdout.write("\n".join(lines(tape, outcome, changed=bool(options.set))) + "\n")
     return 1 if outcome.different else 0
 
 
-def again(files: Sequence[Path], overrides: Sequence[str], config: Path | None) -> tuple[Tape, Outcome]:
+def again(files: Sequence[Path], overrides: Sequence[str]) -> tuple[Tape, Outcome]:
     """Read a dive and run it again, its retunes only where nothing else changes the configuration."""
     tape = load(files)
-    follow = not (overrides or config)
-    return tape, rerun(tape, configured(tape, overrides, config), follow=follow)
+    return tape, rerun(tape, configured(tape, overrides), follow=not overrides)
 
 
-def lines(tape: Tape, outcome: Outcome, changed: bool) -> Iterator[str]:
+def lines(tape: Tape, outcome: Outcome, *, changed: bool) -> Iterator[str]:
     """Give what came of it in lines; `changed`: the configuration is not the recorded one."""
     count, different = len(tape.ticks), outcome.different
     asked = sum(len(raw.requests) for raw in tape.ticks)
     aimed = sum(raw.setpoint is not None for raw in tape.ticks)
     retuned = sum(raw.config is not None for raw in tape.ticks)
+    dived_s = outcome.t_s[-1] - outcome.t_s[0]
     yield (
-        f"{count} ticks, {outcome.t_s[-1] - outcome.t_s[0]:.1f} s of diving, "
-        f"at {outcome.speed:.0f} times real time; {asked} requests, {aimed} setpoints and {retuned} retunes "
-        "by the operator"
+        f"{count} ticks, {dived_s:.1f} s of diving, "
+        f"at {dived_s / outcome.wall_s:.0f} times real time; "
+        f"{asked} requests, {aimed} setpoints and {retuned} retunes by the operator"
     )
     yield from (f"note: {note}" for note in tape.notes)
     if changed and retuned:

@@ -60,11 +60,6 @@ class Outcome:
     """Numbers of the ticks whose bytes are not the same."""
     wall_s: float
 
-    @property
-    def speed(self) -> float:
-        """How many times real time."""
-        return float(self.t_s[-1] - self.t_s[0]) / self.wall_s
-
 
 def load(files: Sequence[Path]) -> Tape:
     """Read the raw ticks of a dive's files. Raises RerunError where there are none, OSError, ValueError."""
@@ -91,8 +86,7 @@ def load(files: Sequence[Path]) -> Tape:
                 old = ticks.setdefault(raw.tick, raw)
                 if old.now_s != raw.now_s:
                     raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
-        if not config:
-            config = _recorded(reader.metadata.get("config", {}))
+        config = config or msgspec.json.decode(reader.metadata.get("config", {}).get("json", "{}"))
         if not reader.whole:
             notes.append(f"{file.name} was cut; what is whole of it was used")
     if not ticks and "holdfast" not in services and "mavlink" in services:
@@ -100,34 +94,21 @@ def load(files: Sequence[Path]) -> Tape:
     if not ticks:
         raise RerunError("no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`")
     numbers = sorted(ticks)
-    gaps = [(previous, following) for previous, following in pairwise(numbers) if following != previous + 1]
     if numbers[0] != 1:
         notes.append(
             f"it begins with tick {numbers[0]}: the engine starts afresh there, so the first seconds differ"
         )
-    for previous, following in gaps[:5]:
-        notes.append(f"ticks {previous + 1} to {following - 1} are missing: what follows may differ by that")
+    for previous, following in pairwise(numbers):
+        if following != previous + 1:
+            notes.append(f"ticks {previous + 1} to {following - 1} are missing: what follows may differ")
     return Tape([ticks[number] for number in numbers], config, notes)
 
 
-def _recorded(table: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the configuration that a file holds: one JSON text, or in older files a text for each key."""
-    if text := table.get("json"):
-        return msgspec.json.decode(text, type=dict[str, dict[str, Any]])
-    config: dict[str, dict[str, Any]] = {}
-    for key, text in table.items():
-        section, _, name = key.partition(".")
-        config.setdefault(section, {})[name] = msgspec.json.decode(text)
-    return config
-
-
-def configured(tape: Tape, overrides: Sequence[str] = (), file: Path | None = None) -> Config:
+def configured(tape: Tape, overrides: Sequence[str] = ()) -> Config:
     """Return the configuration of the dive, on today's for keys that it did not have.
 
     Raises ConfigError where today's engine does not take it.
     """
-    if file is not None:
-        return load_config(file, overrides)
     start = tape.ticks[0].start
     recorded = dict(start.config) if start is not None else dict(tape.config)
     if not recorded:

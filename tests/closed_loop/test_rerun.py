@@ -4,10 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 from dive_logs import dive as logged_dive
-from dive_logs import write_blueos_mcap, write_csv, write_dataflash, write_tlog
+from dive_logs import write_blueos_mcap, write_tlog
 from virtual import ROOT, Somebody, hold
 
 import holdfast
@@ -135,12 +134,6 @@ def test_what_the_pilot_was_shown_between_two_heartbeats_is_no_part_of_the_dive(
     assert rerun(tape, configured(tape)).different == []
 
 
-def test_one_datagram_less_is_seen(dive: list[telemetry.Raw], tmp_path: Path) -> None:
-    ticks = [msgspec.structs.replace(raw, heard=()) if raw.tick == 150 else raw for raw in dive]
-    tape = load([written(tmp_path / "x.mcap", ticks)])
-    assert rerun(tape, configured(tape)).different[0] == 150
-
-
 def test_other_gains_are_a_table(
     dive: list[telemetry.Raw], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,19 +144,6 @@ def test_other_gains_are_a_table(
     rows = {line.split()[0]: line.split() for line in said.splitlines()[-4:]}
     assert int(rows["heave"][1]) > 100
     assert float(rows["heave"][3].rstrip("%")) > 1.0
-
-
-def test_the_configuration_of_an_older_file_has_a_text_for_each_key(
-    dive: list[telemetry.Raw], tmp_path: Path
-) -> None:
-    recording = Recording(tmp_path / "x.mcap")
-    recording.describe("config", {"heave.kappa_per_s": "7.5", "vehicle.frame": '"vectored_6dof"'})
-    key, encoding = telemetry.published("kelp", "raw")
-    recording.add(Item(key, encoding, msgspec.msgpack.encode(dive[20]), 1, 1))
-    recording.close()
-    tape = load([tmp_path / "x.mcap"])
-    assert configured(tape).heave.kappa_per_s == 7.5
-    assert not [note for note in tape.notes if "no configuration" in note]
 
 
 def test_what_is_missing_is_said(dive: list[telemetry.Raw], tmp_path: Path) -> None:
@@ -215,9 +195,6 @@ def test_a_dive_without_raw_ticks_cannot_be_run_again(tmp_path, capsys):
     ("write", "name"),
     [
         (write_tlog, "pool.tlog"),
-        (write_dataflash, "00000042.BIN"),
-        (write_csv, "dive.csv"),
-        (write_csv, "DIVE.TXT"),
         (write_blueos_mcap, "recorder.mcap"),
     ],
 )
@@ -226,13 +203,3 @@ def test_a_log_of_somebody_else_is_refused_with_the_command_that_reads_it(write,
     assert holdfast.main(["lab", "rerun", str(tmp_path / name)]) == 2
     said = "is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
     assert capsys.readouterr().err == f"holdfast lab rerun: {tmp_path / name}: {said}\n"
-
-
-def test_the_command_is_read_from_the_bytes(dive: list[telemetry.Raw], tmp_path: Path) -> None:
-    tape = load([written(tmp_path / "x.mcap", dive)])
-    outcome = rerun(tape, configured(tape))
-    assert outcome.different == []
-    steered = np.isfinite(outcome.was[:, 2])
-    assert steered.sum() > 200
-    assert np.abs(outcome.was[steered]).max() <= 1.0
-    assert outcome.was[steered, 2].max() > 0.05  # it dived
