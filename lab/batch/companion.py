@@ -15,7 +15,7 @@ from companion import assembly
 from companion.config import Config
 from companion.core.observers import Inputs, Measured
 from companion.core.tick import Parameters
-from companion.records import PSI, Axes, Vector, X, Z
+from companion.records import PSI, Axes, X, Z
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
 ROWS = 8
@@ -62,16 +62,10 @@ def as_arguments(value: Any) -> Any:
 
 
 def inputs(
-    at: Timing,
-    readings: Readings,
-    voltage_v: float,
-    lead_s: float,
-    sensor_delay_s: Vector,
-    hidden_s: float,
-    tick: int,
+    at: Timing, readings: Readings, voltage_v: float, companion: Companion, hidden_s: float, tick: int
 ) -> Inputs:
     """Return what a tick of a batch knows before it observes."""
-    now_s = tick * TICK_S
+    now_s, sensor_delay_s = tick * TICK_S, companion.parameters.observers.sensor_delay_s
     sampled_s = now_s - at.believed_age_s
     place_s, psi_s = sampled_s - sensor_delay_s[X], sampled_s - sensor_delay_s[PSI]
     z_s = sampled_s - sensor_delay_s[Z] - hidden_s
@@ -80,23 +74,23 @@ def inputs(
         begins = (readings.north, readings.east, readings.depth, readings.heading)
     positioned, learns = not math.isnan(readings.north), tick > 0
     return Inputs(
-        now_s,
-        (
+        now_s=now_s,
+        measured=(
             Measured(readings.north, place_s, readings.north_rate, place_s),
             Measured(readings.east, place_s, readings.east_rate, place_s),
             Measured(readings.depth, z_s, readings.sink, z_s),
             Measured(readings.heading, psi_s, readings.heading_rate, psi_s),
         ),
-        begins,
-        (not positioned, not positioned, False, False),
-        at.telemetry_s,
-        at.command_s,
-        at.command_s + lead_s,
-        True,
-        positioned,
-        (learns and positioned, learns and positioned, learns, learns),
-        (readings.roll, readings.pitch, readings.p, readings.q, readings.r),
-        voltage_v,
+        begins=begins,
+        stale=(not positioned, not positioned, False, False),
+        telemetry_s=at.telemetry_s,
+        command_s=at.command_s,
+        ahead_s=at.command_s + companion.lead_s,
+        armed=True,
+        positioned=positioned,
+        learns=(learns and positioned, learns and positioned, learns, learns),
+        attitude=(readings.roll, readings.pitch, readings.p, readings.q, readings.r),
+        voltage_v=voltage_v,
     )
 
 

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.core.actuation import NO_AXES, NONE
-from companion.core.bounds import clamped, wrap
 from companion.core.permission import Permission, Wanted
 from companion.core.tick import confirm, control, observe, start
-from companion.records import LEVEL, ZERO, Array, Axes, Setpoint, X, Y, Z
+from companion.records import LEVEL, ZERO, Array, Axes, Setpoint
 from companion.supervision.guard import bounded
 from lab.batch.companion import Companion, inputs, on_the_wire
 from lab.batch.stand_in import (
@@ -40,33 +39,10 @@ LOST_M = 5.0
 """A dive that is further than this from where it should be is given up: its figures stop there."""
 
 
-class Figures(NamedTuple):
-    """What came of a dive; see `lab.batch.simulate.simulate`."""
-
-    place_rms_mm: float
-    place_chatter_n: float
-    depth_rms_mm: float
-    depth_peak_mm: float
-    heading_rms_deg: float
-    thrust_rms_n: float
-    chatter_n: float
-    tail_rms_mm: float
-    tilt_deg: float
-    hidden_s: float
-    lost_s: float
-
-
 def dive(
-    vehicle: Vehicle,
-    drawn: Drawn,
-    companion: Companion,
-    at: Timing,
-    targets: Rows,
-    since_tick: int,
-    tail_tick: int,
-    trace: Rows,
-) -> Figures:
-    """Dive as long as there are targets.
+    vehicle: Vehicle, drawn: Drawn, companion: Companion, at: Timing, targets: Rows, found: Rows
+) -> tuple[int, float]:
+    """Dive as long as there are targets; return the number of ticks until it was lost, and its hidden delay.
 
     Args:
         vehicle: and its water.
@@ -74,75 +50,31 @@ def dive(
         companion: its configuration.
         at: where the delays fall.
         targets: (ticks, 12): x, y, z, psi, their rates and their accelerations; NaN: where it began.
-        since_tick: from when on figures count.
-        tail_tick: from when on those of the tail count.
-        trace: (ticks, 2) takes depth error (m) and thrust asked for in heave (N); (0, 2) for none.
+        found: (ticks, 7) takes the true place (m), cos(tilt), and the force asked for in surge, sway, heave (N).
 
     """
-    ticks = len(targets)
-    parameters = companion.parameters
-    memory = start(parameters)
+    memory = start(companion.parameters)
     afloat = begun(vehicle, drawn)
     first = read(vehicle, afloat.past, 0, afloat.slow, drawn.normals, 0)
     north, east = begins(afloat)
-    axes, last = NO_AXES, NO_AXES
-    sensor_delay_s, lead_s = parameters.observers.sensor_delay_s, companion.lead_s
-    depth_sum, heading_sum, thrust_sum, change_sum, tail_sum = 0.0, 0.0, 0.0, 0.0, 0.0
-    place_sum, place_change_sum = 0.0, 0.0
-    count, tail_count, peak, upright, lost_s, delivered = 0, 0, 0.0, 1.0, math.nan, ZERO
+    axes, last, parameters = NO_AXES, NO_AXES, companion.parameters
+    ticks = len(targets)
     for index in range(ticks):
         afloat = went_on(vehicle, drawn, afloat, index, axes)
-        state, wanted = afloat.state, targets[index]
         readings = read(vehicle, afloat.past, STEPS * (index + 1), afloat.slow, drawn.normals, index + 1)
-        hidden_s = memory.observed.hidden.hidden_s
-        measured = inputs(at, readings, vehicle.voltage_v, lead_s, sensor_delay_s, hidden_s, index)
+        measured = inputs(at, readings, vehicle.voltage_v, companion, memory.observed.hidden.hidden_s, index)
         memory, known = observe(parameters, memory, measured)
-        where = aim(vehicle, wanted, north, east, first)
-        memory, demand = control(parameters, memory, known, permit(companion, index), where, TICK_S)
+        wanted = aim(vehicle, targets[index], north, east, first)
+        memory, demand = control(parameters, memory, known, permit(companion, index), wanted, TICK_S)
         last = bounded(demand.axes, last, companion.reach, companion.slew)
         axes = on_the_wire(last)
         memory = confirm(parameters, memory, demand, axes, OURS)
-
-        before, delivered = delivered, memory.actuated.delivered
-        depth_error = state[2] - wanted[2]
-        if not abs(depth_error) < LOST_M:
-            lost_s = ENGAGED_S + index * TICK_S
-            break
-        if index < len(trace):
-            trace[index, 0], trace[index, 1] = depth_error, delivered[Z]
-        if index >= since_tick:
-            _, _, yaw = plant.euler(state)
-            heading_error = wrap(yaw - wanted[3])
-            x = state[0] - (vehicle.start[0] if math.isnan(wanted[0]) else wanted[0])
-            y = state[1] - (vehicle.start[1] if math.isnan(wanted[1]) else wanted[1])
-            place_sum += x * x + y * y
-            depth_sum += depth_error * depth_error
-            heading_sum += heading_error * heading_error
-            thrust_sum += delivered[Z] * delivered[Z]
-            if count > 0:
-                x, y, z = delivered[X] - before[X], delivered[Y] - before[Y], delivered[Z] - before[Z]
-                place_change_sum += x * x + y * y
-                change_sum += z * z
-            count += 1
-            peak = max(peak, abs(depth_error))
-            upright = min(upright, plant.down_axis(state)[2])
-            if index >= tail_tick:
-                tail_sum += depth_error * depth_error
-                tail_count += 1
-    n = max(count, 1)
-    return Figures(
-        1e3 * math.sqrt(place_sum / n) if vehicle.positioned else math.nan,
-        math.sqrt(place_change_sum / max(n - 1, 1)),
-        1e3 * math.sqrt(depth_sum / n),
-        1e3 * peak,
-        math.degrees(math.sqrt(heading_sum / n)),
-        math.sqrt(thrust_sum / n),
-        math.sqrt(change_sum / max(n - 1, 1)),
-        1e3 * math.sqrt(tail_sum / max(tail_count, 1)),
-        math.degrees(math.acos(clamped(upright, -1.0, 1.0))),
-        memory.observed.hidden.hidden_s,
-        lost_s,
-    )
+        for i in range(3):
+            found[index, i], found[index, 4 + i] = afloat.state[i], memory.actuated.delivered[i]
+        found[index, 3] = plant.down_axis(afloat.state)[2]
+        if not abs(afloat.state[2] - targets[index, 2]) < LOST_M:
+            return index, memory.observed.hidden.hidden_s
+    return ticks, memory.observed.hidden.hidden_s
 
 
 class Afloat(NamedTuple):

@@ -13,7 +13,7 @@ from companion.config import Config
 from companion.records import Array, Setpoint
 from lab.batch.companion import companion_of
 from lab.batch.compiled import cached, is_ours
-from lab.batch.loop import Figures, dive
+from lab.batch.loop import dive
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
@@ -30,7 +30,6 @@ def simulate(
     links: Links | None = None,
     *,
     since_s: float = SETTLE_S,
-    traces: list[Rows] | None = None,
 ) -> dict[str, Array]:
     """Dive once with each of `plants`, one after the other, and return figures, (dives,) each.
 
@@ -42,9 +41,8 @@ def simulate(
         seeds: of each dive's sea, noise and the phase of its autopilot's input loop; as in the full loop.
         links: delays, known to the controller except for what `untold_*` says.
         since_s: figures count from here.
-        traces: takes an array (ticks, 3) a dive: time (s), depth error (m), thrust asked for in heave (N).
 
-    Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, heading_rms_deg, thrust_rms_n and
+    Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, thrust_rms_n and
     chatter_n, place_chatter_n (RMS change of the horizontal force in a tick), tail_rms_mm (depth RMS of the
     last TAIL_S), tilt_deg (largest), hidden_s (hidden delay that was
     found at the end) and lost_s (since boot; NaN if never lost).
@@ -65,18 +63,40 @@ def simulate(
         for delay_s in (links.up_s, links.down_s, links.jitter_s, links.untold_up_s, links.untold_down_s)
     ]
     companions = {id(settings): companion_of(settings) for settings in configs}
-    figures = []
+    rows = []
     for i, (settings, plant, seed) in enumerate(zip(configs, plants, seeds, strict=True)):
         refuse(plant)
         at = timing(seed, *(float(values[i]) for values in delays))
-        trace = np.zeros((0 if traces is None else ticks, 2))
-        companion = companions[id(settings)]
-        loop = cached(dive, keeps=is_ours(companion.parameters))
-        water, aim = drawn(plant, seed, ticks), wanted[targets[i]]
-        figures.append(loop(vehicle_of(plant, at), water, companion, at, aim, since, tail, trace))
-        if traces is not None:
-            traces.append(np.column_stack([ends_s, trace]))
-    return {name: np.array(column) for name, column in zip(Figures._fields, np.array(figures).T, strict=True)}
+        companion, aim, found = companions[id(settings)], wanted[targets[i]].copy(), np.zeros((ticks, 7))
+        loop, vehicle = cached(dive, keeps=is_ours(companion.parameters)), vehicle_of(plant, at)
+        held, hidden_s = loop(vehicle, drawn(plant, seed, ticks), companion, at, aim, found)
+        lost_s = ENGAGED_S + held * TICK_S if held < ticks else np.nan
+        aim[:, :2] = np.where(np.isnan(aim[:, :2]), vehicle.start[:2], aim[:, :2])
+        place = found[:, :3] - aim[:, :3]
+        figures = figures_of(place[since:held], found[since:held], place[max(since, tail) : held, 2])
+        figures["place_rms_mm"] = figures["place_rms_mm"] if vehicle.positioned else np.nan
+        rows.append(figures | {"hidden_s": hidden_s, "lost_s": lost_s})
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def figures_of(error_m: Array, found: Array, tail_m: Array) -> dict[str, float]:
+    """Return the figures of the ticks that count; `tail_m` are the depth errors of the last."""
+    changes = np.diff(found[:, 4:], axis=0)
+    return {
+        "place_rms_mm": 1e3 * rms(np.hypot(error_m[:, 0], error_m[:, 1])),
+        "place_chatter_n": rms(np.hypot(changes[:, 0], changes[:, 1])),
+        "depth_rms_mm": 1e3 * rms(error_m[:, 2]),
+        "depth_peak_mm": 1e3 * float(np.abs(error_m[:, 2]).max(initial=0.0)),
+        "thrust_rms_n": rms(found[:, 6]),
+        "chatter_n": rms(changes[:, 2]),
+        "tail_rms_mm": 1e3 * rms(tail_m),
+        "tilt_deg": float(np.degrees(np.arccos(np.clip(found[:, 3].min(initial=1.0), -1.0, 1.0)))),
+    }
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square, 0 of none."""
+    return float(np.sqrt(np.sum(values * values) / max(len(values), 1)))
 
 
 def targets_of(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:
