@@ -50,7 +50,7 @@ def dive(
         companion: its configuration.
         at: where the delays fall.
         targets: (ticks, 12): x, y, z, psi, their rates and their accelerations; NaN: where it began.
-        found: (ticks, 7) takes the true place (m), cos(tilt), and the force asked for in surge, sway, heave (N).
+        found: (ticks, 7) takes the true place (m), cos(tilt), and the force asked for (N), surge to heave.
 
     """
     memory = start(companion.parameters)
