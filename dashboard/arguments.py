@@ -7,6 +7,9 @@ from types import FrameType
 
 from companion.telemetry.schemas import ENDPOINT
 
+PATIENCE_S = 5.0  # until whoever runs is heard
+MB = 1_000_000
+
 WHERE = """\
 By default a companion listens on its own machine alone; a Zenoh configuration opens it by TLS
 (docs/telemetry.md, "Where"). With a Zenoh router on the vehicle and telemetry.mode = "client" in the

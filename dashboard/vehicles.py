@@ -12,13 +12,13 @@ from companion.telemetry.glossary import holder, silence
 from companion.telemetry.schemas import EVERY_TICK, NOW_AND_THEN, Event, Loop, Schema, State, Supervisor
 from dashboard.zenoh_client import Message
 
-MOST_VEHICLES = 32
-EVENTS = 200
+MOST_VEHICLES = 32  # more than an expedition has; strangers may publish names
+EVENTS = 200  # twice what the page lists
 MOST_TEXT = 500
 """Characters: anybody may publish."""
 RESTART_S = 1.0
 """A clock that goes back by more has restarted."""
-FORGET_S = 60.0
+FORGET_S = 60.0  # clocks drift by 50 ppm: 3 ms
 MOST_LAGS = 6000
 """Messages of `FORGET_S` that are remembered: two minutes of ticks."""
 

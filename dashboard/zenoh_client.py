@@ -15,8 +15,8 @@ from companion.telemetry.session import SessionThread, client_configuration
 _RING = 4096  # messages: nine seconds of one vehicle
 _CLOSE_S = 3.0
 _ANSWER_S = 8.0  # an engaging takes five
-_LAST_S = 1.0
-_NAMED = 8
+_LAST_S = 1.0  # a router answers in milliseconds
+MOST_NAMED = 8  # vehicles, in one line of a terminal
 _EVENTS = 100  # that happened before we came
 
 
@@ -81,7 +81,7 @@ class Subscription(SessionThread):
 
     def others(self) -> str:
         """Return in words which vehicles there are; for one that does not answer. Blocks."""
-        names = sorted(self.companions())[:_NAMED]
+        names = sorted(self.companions())[:MOST_NAMED]
         return f"; these are heard: {', '.join(map(telemetry.printable, names))}" if names else "; nobody is"
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:

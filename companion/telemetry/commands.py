@@ -17,7 +17,7 @@ from companion.telemetry.schemas import Reply, printable
 from holdfast import validation
 
 MAX_DEPTH = "supervisor.max_depth_m"
-MAX_BYTES = 4096
+MAX_BYTES = 4096  # ten times the longest that is no path
 MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
 MAX_VALUES = 7 * MAX_SEGMENTS + 100

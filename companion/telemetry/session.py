@@ -13,7 +13,7 @@ import zenoh
 from companion.telemetry.schemas import TICKS_PER_SAMPLE
 from holdfast import RefusedError, files
 
-RETRY_S = 0.2
+RETRY_S = 0.2  # less than a person notices
 MAX_MESSAGE_BYTES = 1 << 20
 """A larger message is dropped before it is here: a path and a raw tick, the largest, have a quarter of it."""
 _MAX_MESSAGE = "transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)

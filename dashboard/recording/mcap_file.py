@@ -32,7 +32,7 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_TIME_NS = 2**63 - 1
 """No sample is later: whoever computes with times does so in signed 64 bits."""
 
-MAX_SAMPLE_BYTES = 1 << 20
+MAX_SAMPLE_BYTES = 1 << 20  # telemetry.session drops larger messages
 MAX_ENCODING_BYTES = 255
 """Zenoh itself ends a process that publishes with a longer one."""
 MAX_CHANNELS = 256

@@ -21,7 +21,7 @@ from zenoh import ext
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
-from dashboard.arguments import add_connect, until_ended
+from dashboard.arguments import MB, add_connect, until_ended
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
 from holdfast import DONE, REFUSED, files, own_version
@@ -33,13 +33,12 @@ QUEUE = 32_768
 QUEUE_BYTES = 1 << 26
 """The same for their size."""
 
-_DRAIN_S = 0.1
-_SYNC_S = 0.9
-_ASK_S = 5.0
-_CLOSE_S = 10.0
+_DRAIN_S = 0.1  # five ticks
+_SYNC_S = 0.9  # and _DRAIN_S: at most a second is lost
+_ASK_S = 5.0  # between questions for the configuration, until it came
+_CLOSE_S = 10.0  # for a slow disk
 _LOOK_S = 0.5
-_REPLIES = 64
-_MB = 1_000_000
+_REPLIES = 64  # far more than ever wait
 
 _log = logging.getLogger(__name__)
 
@@ -276,7 +275,7 @@ def main(argv: list[str]) -> int:
     except OSError as error:
         parser.error(f"--out {options.out}: {error.strerror}; name a folder that takes files")
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", stream=sys.stderr)
-    limits = FileLimits(options.out, round(options.max_mb * _MB), round(options.reserve_mb * _MB))
+    limits = FileLimits(options.out, round(options.max_mb * MB), round(options.reserve_mb * MB))
     ended = until_ended()
     with RecorderThread(options.name, options.connect, limits) as recorder:
         while recorder.failure is None and not ended.wait(_LOOK_S):

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from companion.telemetry import schemas as telemetry
+from dashboard.arguments import MB
 from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError
 from holdfast import files
 
@@ -27,12 +28,10 @@ RAW_KEPT_S = 90.0
 """Raw ticks from so long ago come a second time when a companion is heard again; it keeps a minute."""
 MAX_LOST_TICKS = 1_000_000
 """A number that rises by more has restarted: five hours and a half at 50 Hz."""
-EVENTS_KEPT = 1000
+EVENTS_KEPT = 1000  # ten times what a companion repeats
 NS_PER_S = 1e9
 
 REPAIR = "`holdfast record --repair FILE` adds its index"
-
-_MB = 1_000_000
 
 
 class _Times(msgspec.Struct):
@@ -51,8 +50,8 @@ class FileLimits:
     """Where recordings go, when a new file begins, and what stays free on the disk."""
 
     directory: Path
-    max_bytes: int = 250 * _MB
-    reserve_bytes: int = 500 * _MB
+    max_bytes: int = 250 * MB
+    reserve_bytes: int = 500 * MB
 
 
 class DiveRecorder:
@@ -152,7 +151,7 @@ class DiveRecorder:
     def _short_of_room(self) -> str:
         """Return in words that too little is free; empty where there is enough."""
         free, reserve = self._free(self._limits.directory), self._limits.reserve_bytes
-        return f"{free // _MB} MB free, and {reserve // _MB} MB stay free" if free < reserve else ""
+        return f"{free // MB} MB free, and {reserve // MB} MB stay free" if free < reserve else ""
 
     def status(self, now_s: float, dropped: int) -> telemetry.Recorder:
         """Return what goes out once a second; `t_s` and `boot_s` are the vehicle's, as far as heard."""

@@ -25,7 +25,7 @@ refuses to publish under a name that is in use, by a live vehicle or by another 
 """
 
 SUFFIX = "-replay"
-_LIVE_S = 0.5
+_LIVE_S = 0.5  # for a liveliness token on this machine
 _AT_ONCE: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.BLOCK,
     "priority": zenoh.Priority.REAL_TIME,

@@ -14,15 +14,12 @@ from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
-from dashboard.arguments import add_connect
-from dashboard.zenoh_client import Subscription
+from dashboard.arguments import PATIENCE_S, add_connect
+from dashboard.zenoh_client import MOST_NAMED, Subscription
 from holdfast.arguments import command_parser
 
-PATIENCE_S = 5.0
 ALONE_S = 0.3
 """For so long after the first companion others are looked for: a router tells of all of them at once."""
-MOST_NAMED = 8
-
 KNOWN = (*COMMANDS, "config")
 
 HEAD = "commands and their fields (the vehicle answers with the values that are now in force):"

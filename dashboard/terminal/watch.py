@@ -29,7 +29,7 @@ from companion.telemetry.glossary import (
 )
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import ENDPOINT, Dof, Event, State, Supervisor, printable
-from dashboard.arguments import WHERE, add_connect
+from dashboard.arguments import PATIENCE_S, WHERE, add_connect
 from dashboard.vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
@@ -44,12 +44,11 @@ examples:
 {WHERE}`holdfast dashboard` has maps and plots.
 """
 
-PATIENCE_S = 5.0
-STALE_S = 0.5
+STALE_S = 0.5  # as the page: 25 ticks
 
-_REFRESH_S = 0.125
+_REFRESH_S = 0.125  # what an eye follows
 _WIDTH = 80
-_EVENTS = 2
+_EVENTS = 2  # so that all fits 24 lines
 
 _STYLES = dict.fromkeys(("RAMP_DOWN", "HAND_OVER", "PILOT"), "bold black on yellow") | {
     "IDLE": "white on grey23",

@@ -29,12 +29,12 @@ from dashboard.web.ring import next_row
 from dashboard.zenoh_client import Subscription
 from holdfast import own_version, port_taken
 
-BEAT_S = 0.025
-STATUS_S = 0.15
-CONFIG_S = 10.0
-CONFIG_ANSWER_S = 2.0
-MOST_BROWSERS = 32
-CLOSE_S = 1.0
+BEAT_S = 0.025  # 40 frames a second, for plots
+STATUS_S = 0.15  # a third of STALE_S of the page
+CONFIG_S = 10.0  # between questions: others may tune too
+CONFIG_ANSWER_S = 2.0  # of a companion under load
+MOST_BROWSERS = 32  # at about 40 kB/s each
+CLOSE_S = 1.0  # for a browser to say goodbye
 MOST_BEHIND = 150
 """Rows: a browser that is 3 s behind gets the present instead; no frame has more of them."""
 SEND_BUFFER = 65536

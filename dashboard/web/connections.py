@@ -18,9 +18,9 @@ MOST = 128
 """Connections that are no WebSockets. A browser opens six."""
 PATIENCE_S = 12.0
 """For a request to arrive, and from there for its answer and the next: a command takes 8 s at most."""
-LINGER_S = 1.0
-MOST_HEADERS = 64
-BACKLOG = 128
+LINGER_S = 1.0  # for what is still sent of a refused request
+MOST_HEADERS = 64  # browsers send about twenty
+BACKLOG = 128  # as MOST
 AGAIN_S = 0.1
 """After a connection could not be accepted."""
 

@@ -16,9 +16,9 @@ from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
 from dashboard.web.ring import Ring
 from dashboard.zenoh_client import Message
 
-HISTORY_S = 120.0
+HISTORY_S = 120.0  # four windows of the page's plots; 4 MB
 ROWS = round(HISTORY_S * 50.0)
-RECORDER_SILENT_S = 3.0
+RECORDER_SILENT_S = 3.0  # it tells its state every second
 DIVING_M = 0.5
 """Time that is spent deeper than this is dive time."""
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
@@ -26,8 +26,8 @@ MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"
 SHOWN = ("dead_motor", "guidance", "path_progress_m", "path_length_m", "path_left_m", "path_left_s")
 """Of State, what is no row."""
 
-_TRUTHS = 64
-_TRUTH_APART_S = 0.5
+_TRUTHS = 64  # over a second
+_TRUTH_APART_S = 0.5  # else the clocks are not the same
 
 
 class TrueDisturbance(msgspec.Struct, frozen=True):

@@ -8,7 +8,7 @@ from dashboard.arguments import WHERE, add_connect, listen_address
 from holdfast import files
 from holdfast.arguments import command_parser, removed_option
 
-SHORTEST_TOKEN = 16
+SHORTEST_TOKEN = 16  # 64 bits in hex digits
 
 EXAMPLES = f"""\
 examples:

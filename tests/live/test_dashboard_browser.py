@@ -251,19 +251,6 @@ def test_a_live_dive(opened: Callable[..., Page]) -> None:
     assert re.fullmatch(r"kelp-\d{8}T\d{6}Z\.png", saved.value.suggested_filename)
 
 
-def test_where_no_vehicle_is_there_are_commands_that_start_one(
-    dive: Dive, opened: Callable[..., Page]
-) -> None:
-    page = opened(live=False)
-    _wait(page, "holdfast.link.status")
-    page.evaluate("holdfast.link.choose('nobody')")
-    _wait(page, "!document.querySelector('#empty').hidden")
-    assert page.locator("#start-sim").text_content() == f"holdfast sim --zenoh {dive.zenoh}"
-    _wait(page, "document.querySelector('#state').textContent === 'NO DATA'")
-    page.evaluate("holdfast.link.choose('kelp')")
-    _wait(page, "document.querySelector('#empty').hidden")
-
-
 @pytest.mark.parametrize(("module", "expression", "wanted"), PURE)
 def test_the_pages_pure_parts(pages: Page, module: str, expression: str, wanted: Any) -> None:
     assert pages.evaluate(f"import('/static/{module}.js').then((m) => {expression})") == wanted

@@ -66,17 +66,6 @@ def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None
     assert row["psi.engaged"] == 0.0
 
 
-def test_what_is_lost_on_the_way_leaves_holes_not_wrong_numbers(make_sample: MakeSample) -> None:
-    seen = Histories()
-    for t_s in (1.0, 2.0, 3.0):
-        messages = _messages(make_sample(t_s=t_s))
-        seen.take([m for m in messages if t_s != 2.0 or m.key.endswith("/state")], now_s=t_s)
-    _, _, t_s_of, rows = _unpack(seen.vehicles["kelp"].ring.frame(0, MOST))
-    assert t_s_of.tolist() == [1.0, 2.0, 3.0]
-    assert np.isnan(rows[:, COLUMNS.index("z.e")]).tolist() == [False, True, False]
-    assert np.isnan(rows[:, COLUMNS.index("depth_m")]).tolist() == [False, False, False]
-
-
 def test_time_that_begins_anew_begins_an_epoch(make_sample: MakeSample) -> None:
     seen = Histories()
     seen.take(_messages(make_sample(t_s=1000.0)), now_s=1.0)

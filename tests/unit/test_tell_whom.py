@@ -52,14 +52,6 @@ def test_the_only_vehicle_needs_no_name(sea):
     assert told[2][2] == {"action": "hold"}
 
 
-def test_whoever_was_meant_is_named_in_the_answer(sea, capsys):
-    sea[0].append("kelp")
-    commands.release([])
-    assert capsys.readouterr().out == "done by kelp: so it is\n"
-    commands.release(["kelp"])
-    assert capsys.readouterr().out == "done: so it is\n"
-
-
 def test_a_name_that_is_empty_is_no_missing_name(sea, capsys):
     """A shell's variable that is not set."""
     heard, told = sea
