@@ -27,6 +27,8 @@ from companion.core.positioning import (
 from companion.records import PSI, Flags, Vector, X, Y, Z, vector
 
 PREDICTION_STEP_S = 0.035
+"""Largest step of the prediction, far below the thrusters' lag (0.15 s)."""
+
 SHORTEST_S = 1e-9
 
 MAX_GAP_S = 0.5
@@ -51,9 +53,6 @@ class Measured(NamedTuple):
     position_s: float
     rate: float
     rate_s: float
-
-
-NOTHING = Measured(math.nan, math.nan, math.nan, math.nan)
 
 
 class Observers(NamedTuple):

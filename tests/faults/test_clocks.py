@@ -1,25 +1,19 @@
-"""Clocks that contradict each other: two autopilots with one system id, clocks that jump, answers that lie;
-and commands that repeat themselves, whose delay their echo does not tell.
+"""Clocks that contradict each other: two autopilots with one system id, clocks that jump, answers that lie.
 
 Whatever they say nothing raises, predictions run forward, and what lasts is handed over.
 """
 
 import copy
 import itertools
-import math
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, active, shared
 
-from companion.core import controller
-from companion.records import PSI, Condition, State, Z
+from companion.records import Condition, State
 from lab.loop.lockstep import START_S
 
 TIMESYNC = "TIMESYNC"
-TRUE_COMMAND_S = 0.0155
-"""1 ms of link, 2 ms of its mean jitter, and what the input loop of the stand-in adds on average."""
-
 DOUBT_S = 2.0
 """How long contradictions last before the vehicle is handed over."""
 
@@ -82,7 +76,7 @@ def forward(steps):
     )
 
 
-@pytest.mark.parametrize("late_s", [0.1, 0.15, 0.2])
+@pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_a_late_first_answer_while_engaged_changes_nothing(late_s):
     """Only then is the clocks' offset known at all, and half of the delay would be taken for offset."""
     dive = Dive()
@@ -115,10 +109,9 @@ def test_a_clock_that_jumps_is_reported_and_followed(jump_s):
     ("what", "value_s"),
     [("stamps_s", 0.3), ("answers_s", -0.2), ("twin_s", 0.3), ("twin_s", -0.3), ("twin_s", 700.0)],
 )
-@pytest.mark.parametrize("plant", [(), ("sensors.dvl=true",)])
-def test_clocks_that_go_on_contradicting_each_other_are_handed_over(what, value_s, plant):
+def test_clocks_that_go_on_contradicting_each_other_are_handed_over(what, value_s):
     """Stamps ahead of the answers, answers behind the stamps, two autopilots with one system id."""
-    dive, liar = lied_to(companion=("supervisor.max_tilt_deg=80",) if plant else (), setpoint=None)
+    dive, liar = lied_to()
     setattr(liar, what, value_s)
     steps = dive.run(DOUBT_S + 0.5)
     assert forward(steps)
@@ -141,8 +134,7 @@ def test_two_autopilots_are_not_engaged():
     assert "clock" in dive.step.sample.verdict.reason
 
 
-@pytest.mark.parametrize("boot_ms", [2**32 - 1, 2**31, 0])
-@pytest.mark.parametrize("count", [1, 5])
+@pytest.mark.parametrize(("boot_ms", "count"), [(2**32 - 1, 5), (0, 1)])
 def test_a_few_absurd_stamps_change_nothing(boot_ms, count):
     dive, _ = lied_to()
     clean, left = dive.tap.spoil, [count]
@@ -159,22 +151,3 @@ def test_a_few_absurd_stamps_change_nothing(boot_ms, count):
     steps = dive.run(3.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert forward(steps)
-
-
-@pytest.mark.parametrize("period_s", [0.1, 0.2, 0.3, 0.4])
-@pytest.mark.parametrize(("dof", "amplitude"), [(Z, 90.0), (PSI, 10.0)])
-def test_a_limit_cycle_does_not_change_the_command_delay(monkeypatch, dof, amplitude, period_s):
-    """N and N m, from engaging on: the believed delay was 120 ms where it is 15."""
-    dive = Dive().until(State.ACTIVE)
-    law = controller.step
-
-    def cycling(*arguments):
-        memory, samples = law(*arguments)
-        one = samples[dof]
-        swing = amplitude * math.sin(2.0 * math.pi * dive.step.sample.state.t_s / period_s)
-        return memory, (*samples[:dof], one._replace(tau=one.tau + swing), *samples[dof + 1 :])
-
-    monkeypatch.setattr(controller, "step", cycling)
-    command_s = [step.sample.state.delays.command_s for step in dive.run(12.0)]
-    assert max(command_s) < TRUE_COMMAND_S + 0.015
-    assert min(command_s) > TRUE_COMMAND_S - 0.015

@@ -76,33 +76,19 @@ def test_before_anything_was_measured_the_start_values_hold():
     assert not delays.command_known
 
 
-@pytest.mark.parametrize(("up_s", "down_s"), [(0.001, 0.001), (0.05, 0.05), (0.12, 0.12)])
-def test_equal_delays_are_found_whatever_the_clocks_offset(up_s, down_s):
-    m = meter()
-    exchange(m, up_s, down_s)
-    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)
-    assert m.delays.telemetry_s == pytest.approx(up_s, abs=1e-4)
-    assert m.delays.telemetry_known
-
-
-@pytest.mark.parametrize(("up_s", "down_s"), [(0.08, 0.0), (0.0, 0.08), (0.03, 0.09)])
+@pytest.mark.parametrize(("up_s", "down_s"), [(0.05, 0.05), (0.08, 0.0), (0.0, 0.08), (0.03, 0.09)])
 def test_the_sum_is_right_when_the_ways_differ(up_s, down_s):
     """An echo's stamp is read with the same offset: what one delay loses the other gains."""
     m = meter()
     end_s = exchange(m, up_s, down_s)
     moved_s = m.clock.offset_s - BOOT_S
     assert m.delays.telemetry_s == pytest.approx(up_s + moved_s, abs=1e-4)
+    assert m.delays.telemetry_known
+    assert up_s != down_s or moved_s == pytest.approx(0.0, abs=1e-6)
     actuation_s = 0.05
     steer(m, down_s + actuation_s - moved_s, start_s=end_s)
     total = m.delays.telemetry_s + m.delays.command_s
     assert total == pytest.approx(up_s + down_s + actuation_s, abs=0.006)
-
-
-def test_jitter_hardly_moves_offset_and_sum():
-    m = meter()
-    exchange(m, 0.02, 0.02, jitter_s=0.01, seconds=30.0)
-    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=0.003)
-    assert m.delays.telemetry_s == pytest.approx(0.03, abs=0.006)
 
 
 def test_before_the_first_timesync_stamps_are_read_with_the_start_value():
@@ -113,25 +99,13 @@ def test_before_the_first_timesync_stamps_are_read_with_the_start_value():
     assert not m.delays.telemetry_known
 
 
-@pytest.mark.parametrize("lag_s", [0.0, 0.013, 0.04, 0.1, 0.25, 0.37])
-def test_the_echos_lag_is_found_within_five_milliseconds(lag_s):
+@pytest.mark.parametrize("lag_s", [0.0, 0.013, 0.04, 0.15, 0.37])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_echos_lag_is_found_within_five_milliseconds(lag_s, noise):
     m = synced()
-    steer(m, lag_s)
+    steer(m, lag_s, noise=noise)
     assert m.delays.command_known
     assert m.delays.command_s == pytest.approx(lag_s, abs=0.005)
-
-
-@pytest.mark.parametrize("lag_s", [0.02, 0.15])
-def test_rounding_and_noise_do_not_hide_the_lag(lag_s):
-    m = synced()
-    steer(m, lag_s, noise=0.01)
-    assert m.delays.command_s == pytest.approx(lag_s, abs=0.005)
-
-
-def test_one_axis_is_enough():
-    m = synced()
-    steer(m, 0.08, commands=lambda t: command(t) * [0.0, 0.0, 1.0, 0.0])
-    assert m.delays.command_s == pytest.approx(0.08, abs=0.005)
 
 
 def test_before_an_echo_a_long_way_is_known_by_its_round_trip():
@@ -166,13 +140,6 @@ def test_a_command_that_repeats_itself_teaches_nothing_false(period_s, noise, be
     assert m.delays.command_s == pytest.approx(0.015, abs=0.008)
 
 
-def test_a_command_that_begins_to_repeat_itself_does_not_move_what_is_known():
-    m = synced()
-    end_s = steer(m, 0.015)
-    steer(m, 0.015, 40.0, end_s, 0.0, commands=lambda t: 0.3 * np.sin(2.0 * np.pi * t / 0.2) * AXES)
-    assert m.delays.command_s == pytest.approx(0.015, abs=0.005)
-
-
 @pytest.mark.parametrize(("lag_s", "found_s"), [(0.3, 0.06), (0.0, 0.01), (0.03, 0.03)])
 def test_what_the_echo_says_is_bounded_by_what_timesync_allows(lag_s, found_s):
     """10 ms to the autopilot, 20 ms of its input loop, 30 ms beside."""
@@ -182,13 +149,6 @@ def test_what_the_echo_says_is_bounded_by_what_timesync_allows(lag_s, found_s):
         exchange(m, 0.01, 0.01, seconds=0.25, start_s=end_s)
         end_s = steer(m, lag_s, start_s=end_s, seconds=0.25, ahead_s=0.0 if k else 3.0)
     assert m.delays.command_s == pytest.approx(found_s, abs=0.005)
-
-
-def test_constant_commands_tell_nothing():
-    m = synced()
-    steer(m, 0.08, commands=lambda t: AXES)
-    assert not m.delays.command_known
-    assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
 def test_an_echo_of_somebody_else_changes_nothing():
@@ -202,17 +162,6 @@ def test_an_echo_of_somebody_else_changes_nothing():
     assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
 
 
-def test_too_short_a_history_tells_nothing():
-    m = synced()
-    boot_s = 1000.0 + m.clock.offset_s
-    m.echo(boot_s, tuple(AXES))
-    m.echo(boot_s, tuple(AXES))
-    for t_s in 1000.0 + np.arange(10) * TICK_S:
-        m.sent(t_s, tuple(command(t_s)))
-        m.echo(t_s + m.clock.offset_s, tuple(command(t_s)))
-    assert not m.delays.command_known
-
-
 @pytest.mark.parametrize(("before_s", "after_s"), [(0.04, 0.12), (0.15, 0.03)])
 def test_a_changed_command_delay_is_found(before_s, after_s):
     m = synced()
@@ -220,16 +169,6 @@ def test_a_changed_command_delay_is_found(before_s, after_s):
     assert m.delays.command_s == pytest.approx(before_s, abs=0.005)
     steer(m, after_s, start_s=end_s, seconds=20.0, ahead_s=0.0)
     assert m.delays.command_s == pytest.approx(after_s, abs=0.005)
-
-
-@pytest.mark.parametrize(("before_s", "after_s"), [(0.01, 0.09), (0.09, 0.01)])
-def test_a_changed_telemetry_delay_is_found_in_seconds(before_s, after_s):
-    """Seen at once, split between here and the echo until the offset is learnt anew."""
-    m = meter()
-    end_s = exchange(m, before_s, before_s)
-    exchange(m, after_s, after_s, start_s=end_s, seconds=6.0)
-    moved_s = m.clock.offset_s - BOOT_S
-    assert m.delays.telemetry_s - moved_s == pytest.approx(after_s, abs=0.003)
 
 
 def test_a_clock_that_was_set_anew_is_believed_by_its_second_answer():

@@ -13,7 +13,7 @@ from companion.config import load_config
 from companion.core import command_history
 from companion.core.command_history import mean_thrusts
 from companion.core.observer import INTERVALS, ObserverState, Push, advance, expected, rates
-from companion.core.observers import MAX_EXTRAPOLATION_S, interpolate
+from companion.core.observers import MAX_EXTRAPOLATION_S
 from companion.core.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
 from companion.records import (
     PSI,
@@ -164,18 +164,6 @@ def test_a_command_on_its_way_is_foreseen_and_not_felt_too_early(since_s):
     assert state.eta_dot_ahead[Z] == pytest.approx(will_be, abs=0.025)
 
 
-def test_the_disturbance_is_found_in_the_papers_sign():
-    state, _ = dive(seconds=15.0)
-    assert (np.abs(state.disturbance - D) <= [0.6, 0.6, 1.0, 0.06]).all(), state.disturbance
-
-
-def test_both_clocks_are_joined():
-    state, _ = dive(seconds=5.0)
-    assert state.boot_s - state.t_s == pytest.approx(BOOT_S, abs=0.002)
-    assert state.delays.telemetry_known
-    assert not state.delays.command_known
-
-
 def attitude(t_s, yaw=0.0, r=0.0):
     return Attitude(t_s, t_s + BOOT_S, 0.01, 0.02, yaw, 0.03, 0.04, r)
 
@@ -201,14 +189,6 @@ def test_ages_count_from_each_signals_own_arrival():
 def test_the_voltage_is_kept_within_reason_and_the_pilots_gain_is_passed_on(reported, believed):
     state = estimator().step(START_S, [Battery(START_S, reported), PilotGain(START_S, 0.3)])
     assert (state.voltage_v, state.pilot_gain) == (believed, 0.3)
-
-
-def test_what_the_heartbeat_says_is_passed_on():
-    est = estimator()
-    for armed, mode, status in ((True, 19, 4), (False, 0, 3)):
-        state = est.step(START_S, [Heartbeat(START_S, armed, mode, status), attitude(START_S)])
-        assert (state.armed, state.mode, state.system_status) == (armed, mode, status)
-        assert (state.roll, state.pitch, state.p, state.q) == (0.01, 0.02, 0.03, 0.04)
 
 
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
@@ -266,14 +246,6 @@ def test_a_rebooted_autopilots_clock_is_learnt_anew():
     assert state.eta[PSI] == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_stall_of_our_own_does_not_throw_the_estimate():
-    est = estimator()
-    still(est, START_S, 3.0, 3.0)
-    state = still(est, START_S + 8.0, 0.5, 3.2)
-    assert state.eta[Z] == pytest.approx(3.2, abs=0.03)
-    assert np.isfinite(state.eta_ahead).all()
-
-
 @pytest.mark.parametrize("stray_s", [-0.4, -0.15, 0.15, 0.4])
 def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
     """Samples much older or younger than where the observer stands, as after a stall; the heading is 0."""
@@ -312,14 +284,6 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, numb
             )
             closed = (np.eye(6) - gain @ H) @ np.linalg.matrix_power(A, INTERVALS[number])
             assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
-
-
-@pytest.mark.parametrize(
-    ("step_index", "expected_q"), [(-1.0, -1.0), (0.0, 0.0), (0.25, 0.25), (1.5, 2.0), (2.0, 3.0), (3.0, 5.0)]
-)
-def test_between_the_steps_of_a_trajectory_it_is_a_straight_line(step_index, expected_q):
-    trajectory = [(0.0, 0.0, 9.0), (1.0, 10.0, 9.0), (3.0, 30.0, 9.0)]
-    assert interpolate(trajectory, step_index) == pytest.approx((expected_q, 10.0 * expected_q))
 
 
 def test_command_history_gives_what_was_in_force():

@@ -53,10 +53,6 @@ def test_it_stays_within_its_bounds():
     assert found(0.3) == LARGEST_S
 
 
-def test_without_commands_it_learns_nothing():
-    assert found(0.08, force_n=0.0, noise_m=0.01) == 0.0
-
-
 def test_what_was_not_measured_teaches_nothing():
     state = start(0.0, 0.03)
     for tick in range(200):
@@ -64,11 +60,6 @@ def test_what_was_not_measured_teaches_nothing():
             PARAMETERS, state, Push(10.0 * (tick % 2), M, DRAG, DT_S), 1.0, Sample(math.nan, math.nan)
         )
     assert state.hidden_s == 0.03
-
-
-@pytest.mark.parametrize(("before_s", "kept_s"), [(0.03, 0.03), (math.nan, 0.0)])
-def test_a_start_anew_keeps_what_was_found_if_it_is_a_number(before_s, kept_s):
-    assert start(2.0, before_s).hidden_s == kept_s
 
 
 @pytest.mark.compiles

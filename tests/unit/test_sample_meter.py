@@ -106,19 +106,3 @@ def test_absurd_samples_leave_noise_and_delay_within_bounds(of):
         depth.position(k * TICK_S, of[k % len(of)])
         assert CONFIGURED <= depth.noise <= MOST_NOISE
         assert 0.0 <= depth.later_s <= LATEST_S
-
-
-def test_one_glitch_is_no_noise():
-    depth = meter()
-    sampled(depth, EKF, 20.0)
-    depth.position(20.0, 0.4)
-    sampled(depth, EKF, 1.0, start_s=20.02)
-    assert depth.noise == CONFIGURED
-
-
-def test_a_reading_that_stays_is_the_same_one_for_a_moment_only():
-    depth = meter()
-    sampled(depth, BAROMETER, 20.0)
-    repeated = [depth.position(20.0 + k * TICK_S, 0.123456) for k in range(1, 20)]
-    assert repeated[1:8] == [None] * 7
-    assert any(value is not None for value in repeated[8:])

@@ -130,14 +130,6 @@ def test_a_vehicle_that_changes_is_found_again():
     assert dived(of, 1 / 1.5, LAG_S, 20.0, seed=2).found_gain[Z] == pytest.approx(1 / 1.5, rel=0.15)
 
 
-def test_the_nominal_observer_is_in_the_table():
-    table, axis = TABLES[Z].control[0], CONFIG.heave
-    assert scheduled_parameters(table, 0.0, LAG_S).by_rate == pytest.approx(table.rows[12][6:])
-    beyond = scheduled_parameters(table, 9.0, 9.0)
-    assert beyond.by_position == pytest.approx(table.rows[24][:6])
-    assert axis.mass == MODEL.m[Z]
-
-
 def test_between_its_nodes_the_table_is_near_the_riccati_equation():
     for log_gain, lag_s in ((0.35, 0.12), (-1.0, 0.2), (0.9, 0.06)):
         exact = designed(CONFIG, MODEL, Z, CONFIG.heave.disturbance_noise, log_gain, lag_s)
@@ -157,20 +149,6 @@ def test_it_stays_within_its_bounds_and_moves_slowly(sign):
     assert max(step for _, step in steps) <= 0.2 * DT_S + 1e-12
     assert found.theta.log_gain == pytest.approx(sign * MOST_LOG_GAIN)
     assert found.theta.lag_s == (MOST_LAG_S if sign > 0 else LEAST_LAG_S)
-
-
-def test_numbers_gone_bad_teach_nothing():
-    found = NOTHING
-    assert learn(found, Evidence(math.nan, 0.0, 1e4, 0.0, 1e4), DT_S) == found
-    assert learn(found, Evidence(0.0, 0.0, math.inf, 0.0, 1e4), DT_S) == found
-
-
-def test_information_is_forgotten_and_doubt_returns():
-    found = learn(NOTHING, Evidence(0.0, 0.0, 1e4, 0.0, 1e6), DT_S)
-    assert doubt(found)[0] == pytest.approx(0.01, rel=0.01)
-    for _ in range(20000):
-        found = learn(found, Evidence(0.0, 0.0, 0.0, 0.0, 0.0), DT_S)
-    assert doubt(found)[0] == pytest.approx(PRIOR_LOG_GAIN, rel=0.01)
 
 
 def test_the_model_in_use_follows_what_is_certain():

@@ -41,11 +41,6 @@ def test_the_current_is_what_explains_the_drag(psi, v):
     assert 0.03 < found.doubt_mps < 0.25
 
 
-def test_a_vehicle_of_another_gain_finds_the_same():
-    found = flowing(Water(), gain=(1.5, 1.5, 1.0, 1.0))
-    assert (found.north_mps, found.east_mps) == pytest.approx((0.3, -0.2), abs=0.005)
-
-
 def test_it_is_unknown_until_there_is_a_mean_and_after_a_while_without_one():
     water = Water()
     assert math.isnan(flowing(water, seconds=TAKES_S - 0.5).north_mps)
