@@ -20,7 +20,7 @@ from companion.records import Array
 from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
-from sim_bridge.physics.body import STEP_S, Hull, hull_of
+from sim_bridge.physics.body import STEP_S, Plant, plant_of
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import (
     NO_WRENCH,
@@ -112,7 +112,7 @@ class Vehicle(NamedTuple):
     """What the equations need to know of a dive's vehicle and water."""
 
     start: State
-    hull: Hull
+    hull: Plant
     six_dof: bool
     voltage_v: float
     to_motor_steps: int
@@ -174,7 +174,7 @@ def vehicle_of(config: SimConfig, at: Timing) -> Vehicle:
     speed = current.speed_m_s if current.enabled else 0.0
     return Vehicle(
         start=state_of(config.initial.eta, NO_WRENCH),
-        hull=hull_of(config, STEP_S),
+        hull=plant_of(config, STEP_S),
         six_dof=config.thrusters.frame == "vectored_6dof",
         voltage_v=config.battery.voltage_v,
         to_motor_steps=round(at.to_motor_s / STEP_S) + math.ceil(config.thrusters.delay_s / STEP_S - 1e-6),

@@ -42,6 +42,8 @@ DATAFLASH_USED: Final = [*DATAFLASH_STREAMS, "PARM", "ARM"]
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
 STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
 """States of the supervisor in which Holdfast's commands are sent."""
+HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
+ESTIMATES: Final = "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
 MAX_TOPIC = 60
 """So much of a topic is quoted."""
 MAX_TLOG_BYTES: Final = 1 << 31
@@ -54,23 +56,23 @@ ROS: Final = "ROS bags are not read: docs/identify.md has a script that makes a 
 
 def kind_of(path: Path) -> str:
     """Return "MCAP", "dataflash", "CSV" or "telemetry" by a file's content, else raise NoDiveError."""
-    if path.is_dir() or path.suffix.lower() in (".bag", ".db3"):
+    head = b"" if path.is_dir() else _head(path)
+    if path.is_dir() or path.suffix.lower() in (".bag", ".db3") or head.startswith(ROS_MAGIC):
         raise NoDiveError(ROS)
-    with path.open("rb") as file:
-        head = file.read(4096)
     if not head:
         raise NoDiveError("is empty")
-    if head.startswith(ROS_MAGIC):
-        raise NoDiveError(ROS)
-    if head.startswith(MAGIC):
-        return "MCAP"
-    if head.startswith(DATAFLASH):
-        return "dataflash"
+    if head.startswith((MAGIC, DATAFLASH)):
+        return "MCAP" if head.startswith(MAGIC) else "dataflash"
     if spreadsheet.header(head):
         return "CSV"
     if path.suffix.lower() == ".tlog" or (len(head) > 8 and head[8] in (0xFD, 0xFE)):
         return "telemetry"
     raise NoDiveError(f"is no log that is known: {KINDS}{spreadsheet.quoted(head)}")
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(4096)
 
 
 def read(path: Path, frame: str) -> Table:
@@ -83,16 +85,12 @@ def _dataflash(path: Path) -> Streams:
     """Read a .BIN by pymavlink."""
     from pymavlink.DFReader import DFReader_binary
 
-    # The reader is made in two steps: one whose __init__ failed has a file to close.
-    reader = DFReader_binary.__new__(DFReader_binary)
+    reader = DFReader_binary(str(path), zero_time_base=True)
     try:
-        reader.__init__(str(path), zero_time_base=True)
         return _dataflash_streams(reader)
     finally:
-        for opened in (getattr(reader, "data_map", None), getattr(reader, "filehandle", None)):
-            if opened is not None:
-                with contextlib.suppress(BufferError):  # of what the reader of a damaged one still holds
-                    opened.close()
+        reader.data_map.close()
+        reader.filehandle.close()
 
 
 def _dataflash_streams(reader: Any) -> Streams:
@@ -175,14 +173,7 @@ def _mcap(path: Path) -> Streams:
     if not streams.attitude:
         raise NoDiveError(f"holds no dive: neither holdfast/.../state nor mavlink/.../ATTITUDE; {ROS}")
     streams.notes += not_read(unread)
-    if ours:
-        streams.notes.append(
-            "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
-        )
-    if streams is samples.streams:
-        streams.notes.append(
-            "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
-        )
+    streams.notes += [HELD_IN_WAVES] * ours + [ESTIMATES] * (streams is samples.streams)
     return streams
 
 

@@ -37,7 +37,7 @@ MANUAL, STABILIZE = 19, 0
 DIRECT: Final[dict[float, tuple[float, ...]]] = {MANUAL: (1.0,) * 6, STABILIZE: (1.0, 1.0, 1.0, *UNKNOWN[3:])}
 """By custom_mode the axes on which a stick is thrust."""
 STATION, DEFAULT_STATION = ("PARAM_VALUE MAV_GCS_SYSID", "PARAM_VALUE SYSID_MYGCS"), 255.0
-TOGGLES: Final = ("InputHold", "RollPitch")
+TOGGLES: Final = ("NAMED_VALUE_FLOAT InputHold", "NAMED_VALUE_FLOAT RollPitch")
 """NAMED_VALUE_FLOATs that say whether a pilot's button keeps or redirects what MANUAL_CONTROL says."""
 
 
@@ -50,42 +50,45 @@ def acted(heard: Iterable[Message], system: int, rows: Rows) -> tuple[list[Sampl
     t_s = np.array([message[0] for message in messages])
     mode, gain = held(t_s, rows.get("HEARTBEAT"), 3), held(t_s, rows.get("NAMED_VALUE_FLOAT PilotGain"), 1)
     armed = is_armed(t_s, rows.get("HEARTBEAT"))
-    for name in TOGGLES:
-        if (toggle := rows.get(f"NAMED_VALUE_FLOAT {name}")) is not None:
-            gain[held(t_s, toggle, 1) != 0.0] = math.nan
+    for toggle in TOGGLES:
+        if toggle in rows:
+            gain[held(t_s, rows[toggle], 1) != 0.0] = math.nan
     throttle_gain = latest(t_s, rows.get("PARAM_VALUE JS_THR_GAIN"), 1.0)
-    stations = [rows[name][-1, 1] for name in STATION if name in rows] or [DEFAULT_STATION]
+    station = next((rows[name][-1, 1] for name in STATION if name in rows), DEFAULT_STATION)
     demand, samples, left_out = [0.0] * 6, [], Counter[str]()
     for i, (at_s, name, sender, (target, *fields)) in enumerate(messages):
-        if sender != stations[0]:
+        if sender != station:
             left_out[f"from system {sender}, not MAV_GCS_SYSID"] += 1
-            continue
-        if target != system and (name == MANUAL_CONTROL or target):
+        elif target != system and (name == MANUAL_CONTROL or target):
             left_out[f"for system {target:.0f}"] += 1
-            continue
-        if name == OVERRIDE:
-            demand = [
-                was if us in (0, LEAVE_ALONE) else sign * from_pwm_us(round(us))
-                for us, was, sign in zip(fields, demand, OVERRIDE_SIGNS, strict=True)
-            ]
-        elif math.isnan(gain[i]):
-            demand = [*UNKNOWN]
         else:
-            x, y, up, r, roll, pitch = fields
-            level = gain[i] * np.array((x, y, 2.0 * throttle_gain[i] * (STICK_NEUTRAL_Z - up), r)) / STICK
-            demand = [*np.clip(level, -1.0, 1.0).tolist(), roll / SPAN_US, pitch / SPAN_US]
-        acts = DIRECT.get(mode[i], UNKNOWN) if armed[i] == 1.0 else UNKNOWN
-        samples.append(Sample(at_s, tuple(map(operator.mul, demand, acts))))
-        if armed[i] != 1.0:
-            left_out["while it was not armed"] += 1
-        elif mode[i] not in DIRECT:
-            left_out["in another mode than MANUAL and STABILIZE"] += 1
-        elif math.isnan(demand[0]):
-            left_out["without a PilotGain, with InputHold or with RollPitch"] += 1
-    names = " and ".join(sorted({message[1] for message in messages})) or "no message that steers"
-    words = names + (" times PilotGain" if MANUAL_CONTROL in names else "")
+            demand = _demand(name, fields, demand, gain[i], throttle_gain[i])
+            acts = DIRECT.get(mode[i], UNKNOWN) if armed[i] == 1.0 else UNKNOWN
+            samples.append(Sample(at_s, tuple(map(operator.mul, demand, acts))))
+            if armed[i] != 1.0:
+                left_out["while it was not armed"] += 1
+            elif mode[i] not in DIRECT:
+                left_out["in another mode than MANUAL and STABILIZE"] += 1
+            elif math.isnan(demand[0]):
+                left_out["without a PilotGain, with InputHold or with RollPitch"] += 1
+    words = " and ".join(sorted({message[1] for message in messages})) or "no message that steers"
+    words += " times PilotGain" if MANUAL_CONTROL in words else ""
     words += "".join(f"; not counted: {count} {why}" for why, count in left_out.items())
     return until_stale(samples) if any(x == x for one in samples for x in one.values) else [], words
+
+
+def _demand(name: str, fields: list[float], before: list[float], gain: float, throttle: float) -> list[float]:
+    """Return what a message demands; a channel that an override leaves alone keeps what it was."""
+    if name == OVERRIDE:
+        return [
+            was if us in (0, LEAVE_ALONE) else sign * from_pwm_us(round(us))
+            for us, was, sign in zip(fields, before, OVERRIDE_SIGNS, strict=True)
+        ]
+    if math.isnan(gain):
+        return [*UNKNOWN]
+    x, y, up, r, roll, pitch = fields
+    level = gain * np.array((x, y, 2.0 * throttle * (STICK_NEUTRAL_Z - up), r)) / STICK
+    return [*np.clip(level, -1.0, 1.0).tolist(), roll / SPAN_US, pitch / SPAN_US]
 
 
 def until_stale(samples: Iterable[Sample]) -> list[Sample]:

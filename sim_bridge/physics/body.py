@@ -15,7 +15,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Body, Six, State, Three, state_of
-from sim_bridge.physics.thrusters import HEALTHY, NO_THRUST, Eight, Starting, Thrusters
+from sim_bridge.physics.thrusters import HEALTHY, NEUTRAL_US, NO_THRUST, Eight, Starting, Thrusters
 
 STEP_S = 0.005
 """Longest step of the plant, and the period at which the sea and the tether change."""
@@ -25,7 +25,7 @@ MIN_VOLTAGE_V = 6.0
 IDLE_CURRENT_A = 0.5
 
 
-class Hull(NamedTuple):
+class Plant(NamedTuple):
     """A body with its thrusters, and the length of its steps."""
 
     body: Body
@@ -48,14 +48,14 @@ class Motors(NamedTuple):
 NOT_DRIVEN = Motors(thrusters.AT_REST, NO_THRUST, NO_THRUST, NO_WRENCH)
 
 
-def hull_of(config: SimConfig, step_s: float) -> Hull:
+def plant_of(config: SimConfig, step_s: float) -> Plant:
     """Make the parameters of a configured vehicle."""
     fitted = thrusters.thrusters_of(config.thrusters)
-    return Hull(plant.body_of(config.hull), fitted, step_s, thrusters.follow_of(fitted.lag_s, step_s))
+    return Plant(plant.body_of(config.hull), fitted, step_s, thrusters.follow_of(fitted.lag_s, step_s))
 
 
 def moved(
-    hull: Hull, motors: Motors, state: State, static: Eight, force: Three, flow: Six, wet: float
+    hull: Plant, motors: Motors, state: State, static: Eight, force: Three, flow: Six, wet: float
 ) -> tuple[Motors, State, Six]:
     """One step of motors and body; return both, and nu' (body, at the middle of the step).
 
@@ -171,13 +171,13 @@ class Physics:
         waiting.append((self.time_s + self._config.thrusters.delay_s, pwm))
         while len(waiting) > 1 and waiting[1][0] <= self.time_s + 1e-9:
             waiting.popleft()
-        return waiting[0][1] if waiting[0][0] <= self.time_s + 1e-9 else (1500,) * self.thrusters
+        return waiting[0][1] if waiting[0][0] <= self.time_s + 1e-9 else (NEUTRAL_US,) * self.thrusters
 
     def _split(self, dt_s: float) -> None:
         """Part a time into steps of the plant."""
         self._split_s = dt_s
         self._parts = max(1, math.ceil(dt_s / STEP_S - 1e-6))
-        self._hull = hull_of(self._config, dt_s / self._parts)
+        self._hull = plant_of(self._config, dt_s / self._parts)
 
     def _wet(self) -> float:
         """Return the part of the thrusters that is under water."""

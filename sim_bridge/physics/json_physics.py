@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.plant import GRAVITY, State, Three, down_axis, ned_velocity
+from sim_bridge.physics.thrusters import NEUTRAL_US
 
 OUTPUTS = {18458: 16, 29569: 32}
 """Number of outputs by magic."""
@@ -36,7 +37,6 @@ RATES_HZ = (20, 5000)
 """A frame rate outside is taken as the nearer end: below 10 Hz the firmware's time would not advance."""
 STAMP_MARGIN = 1.0 + 1e-9
 """The firmware truncates the step to whole µs: a hair more keeps rounding from making 2500 µs into 2499."""
-NEUTRAL_US = 1500
 LOST_AFTER_S = 0.5
 """A frame that comes again so long after its answer did not get it: the firmware waits a second."""
 

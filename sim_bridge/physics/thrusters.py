@@ -20,9 +20,9 @@ CURVE_US = (-400, -300, -200, -100, -60, -28, 28, 60, 100, 200, 300, 400)
 CURVE_N = (-39.9, -26.6, -14.1, -4.7, -1.8, 0.0, 0.0, 2.2, 5.9, 17.9, 33.5, 51.5)
 """Static thrust of a T200 at 16 V."""
 CURVE_VOLTAGE_V = 16.0
-FULL_SPAN_US, FULL_N = 400.0, 51.5
+FULL_SPAN_US, FULL_N = CURVE_US[-1], CURVE_N[-1]
 FULL_CURRENT_A = 24.0
-NEUTRAL_US = 1500.0
+NEUTRAL_US = 1500
 DIAGONAL = math.sqrt(0.5)
 
 Eight: TypeAlias = tuple[float, float, float, float, float, float, float, float]
