@@ -75,8 +75,8 @@ class Course:
         self._wait_s = 0.0
         self._laps = path.laps if path is not None and path.legs[0].loops else 1.0
         """Of a leg: one that loops is travelled as a single curve of so many laps."""
-        self._number = -1
-        """Which leg, laps included."""
+        self._number, self._passed_m = -1, 0.0
+        """Which leg, laps included, and how long those behind it were."""
         self._whole_m = self._moved_s = 0.0
         """How far it was when it began, and how long it has moved, without the time of a pause."""
         self._fastest = speed_mps if path is None else max(leg.profile.max_speed for leg in path.legs)
@@ -133,14 +133,7 @@ class Course:
     @property
     def progress_m(self) -> float:
         """How far along the path it is, laps included."""
-        path = self.path
-        if path is None or self._number < 0:
-            return 0.0
-        lap, i = self._lap
-        passed_m = lap * path.length_m + (path.ends_m[i - 1] if i else 0.0)
-        if self.done:
-            return passed_m
-        return passed_m + (self._law.s if self._law is not None else path.legs[i].curve.length * self._laps)
+        return self._passed_m + (self._law.s if self._law is not None else 0.0)
 
     @property
     def left_m(self) -> float:
@@ -158,13 +151,6 @@ class Course:
             return left_m
         moved_m = max(self._whole_m - left_m, 0.0) if self.begun else 0.0
         return left_m * (self._moved_s + PRIOR_S) / (moved_m + self._fastest * PRIOR_S)
-
-    @property
-    def _lap(self) -> tuple[float, int]:
-        """Return how many laps are behind it, and which leg it is of this one."""
-        count = 0 if self.path is None else len(self.path.legs)
-        lap, i = divmod(self._number, count)
-        return (lap * self._laps if lap else 0.0), i
 
     @property
     def speed_mps(self) -> float:
@@ -214,7 +200,9 @@ class Course:
         elif self._law is not None:
             self._at = self._moved(self._law.step(pace, dt_s))
             if self._law.arrived and self.path is not None:
-                self._wait_s, self._law = self.path.legs[self._lap[1]].wait_s, None
+                leg = self.path.legs[self._number % len(self.path.legs)]
+                self._passed_m += leg.curve.length * self._laps
+                self._wait_s, self._law = leg.wait_s, None
         elif self._wait_s > 0.0:
             self._wait_s -= dt_s if pace > 0.0 else 0.0
         else:
@@ -224,12 +212,9 @@ class Course:
         return self._at
 
     def _next_leg(self) -> None:
-        if self.path is None:
-            self.done = True
-            return
         self._number += 1
-        lap, i = self._lap
-        if lap >= self.path.laps:
+        lap, i = divmod(self._number, len(self.path.legs)) if self.path is not None else (0, 0)
+        if self.path is None or (lap and lap * self._laps >= self.path.laps):
             self.done = True
             return
         self._law = TimeLaw(self.path.legs[i].profile, self._laps)

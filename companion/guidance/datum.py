@@ -12,6 +12,7 @@ PA_PER_M = 9800.0
 SAME_DEPTH_M = 0.5
 """Weather moves the zero by less, and each arming sets it again."""
 SAME_CLOCK_S = 1.0
+"""A clock that goes back by less was estimated anew; a boot takes longer."""
 
 
 class Datum(NamedTuple):

@@ -33,6 +33,7 @@ from companion.supervision.supervision import DISARM, Supervision
 from companion.telemetry.modes import Mode
 
 CONTACT_S = 10.0
+"""How long a heartbeat, one a second, is waited for: a router may have to find us first."""
 LISTEN_S, SETTLE_S = 12.0, 4.0
 """Longest and shortest time to listen: measuring rates, delays and the clock takes seconds."""
 TRY_S, AGAIN_S = 2.0, 0.5
@@ -40,6 +41,7 @@ TRY_S, AGAIN_S = 2.0, 0.5
 SURFACE_M = 0.3
 """Deeper, the vehicle is in the water: a motor that turns in air runs dry."""
 NEUTRAL_S = 0.5
+"""25 frames: that one arrives is certain."""
 ARM_S = 6.0
 """How long arming and disarming may take."""
 

@@ -7,8 +7,6 @@ from dataclasses import asdict
 
 from companion.predive.check import CheckRow, Grade
 
-MARKS = {Grade.GOOD: "good", Grade.WARNING: "warning", Grade.REFUSED: "REFUSED"}
-
 
 def as_json(rows: Sequence[CheckRow], notes: Sequence[str]) -> str:
     """Return {"grade", "verdict", "rows": [{name, grade, found, why, fix}], "notes"}."""
@@ -28,7 +26,8 @@ def from_json(text: bytes) -> list[CheckRow]:
 def show(rows: Sequence[CheckRow], notes: Sequence[str]) -> None:
     """Print the list; a row that is not good says why it matters and how to fix it."""
     for row in rows:
-        sys.stdout.write(f"{MARKS[row.grade]:>8}  {row.name}: {row.found}\n")
+        mark = "REFUSED" if row.grade is Grade.REFUSED else row.grade.name.lower()
+        sys.stdout.write(f"{mark:>8}  {row.name}: {row.found}\n")
         if row.grade is not Grade.GOOD:
             sys.stdout.write(f"          {row.why}. Fix: {row.fix}\n")
     for note in (*notes, verdict(rows)):

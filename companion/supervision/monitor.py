@@ -34,6 +34,7 @@ LEAK_REPEAT_S = 25.0
 ANNOUNCED_S = 2.0
 """How long an event that is over is told: screens are read at some Hz."""
 INNOVATION_MEMORY_S = 0.5
+"""A single sample that is wrong is no failure: the mean is over 25 ticks."""
 STEADY_S = 60.0
 """So long after an interruption the next one is not told anew."""
 RECOVERS_PER_S = 0.1
@@ -98,8 +99,6 @@ class Monitor:
             self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
-        if state.dead_motor != self._dead_motor:
-            self._dead_motor, self._without_since_s = state.dead_motor, now_s
         self._measure(observed, limits, active=active, steered=steered, tick_s=tick_s)
         self._average(observed)
         watched, other_here = self.watched, now_s - self._other_t_s <= OTHER_S
@@ -152,6 +151,8 @@ class Monitor:
                 saturated = saturated or (held and cut)
                 off_track = off_track or (held and not abs(e) <= most)
             depth_held = observed.held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
+        if state.dead_motor != self._dead_motor:
+            self._dead_motor, self._without_since_s = state.dead_motor, state.t_s
         recovers = state.t_s - self._without_since_s <= RECOVERS_S
         doubtful = watched.ekf is not None and ekf_is_doubtful(watched.ekf, limits)
         low = voltage_is_low(state.voltage_v, limits)

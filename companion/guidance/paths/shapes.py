@@ -7,7 +7,7 @@ lines twice continuously differentiable, and passes the corner at a distance of 
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 from msgspec import UNSET, UnsetType
@@ -44,12 +44,8 @@ class Leg(NamedTuple):
     loops: bool
 
 
-class _Bare(NamedTuple):
-    """A leg before its speeds are known."""
-
-    curve: Curve
-    wait_s: float
-    loops: bool
+Bare = tuple[Curve, float, bool]
+"""A leg before its speeds are known: its curve, how long it waits at the end, and whether it loops."""
 
 
 class Path(NamedTuple):
@@ -63,13 +59,8 @@ class Path(NamedTuple):
     relative: Flags
     extremes: tuple[Point, ...]
     """The places of the least and of the largest north, east and depth."""
-    ends_m: tuple[float, ...]
-    """Where along a lap each leg ends."""
-
-    @property
-    def length_m(self) -> float:
-        """One lap's."""
-        return self.ends_m[-1]
+    length_m: float
+    """One lap's."""
 
     @property
     def laps(self) -> float:
@@ -102,8 +93,7 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     """Do the same in steps: a long path takes a second."""
     shapes = [plan.circle, plan.lemniscate, plan.lawn_mower]
     given = [shape for shape in shapes if not isinstance(shape, UnsetType)]
-    count = len(given) + bool(plan.waypoint)
-    if count != 1:
+    if (count := len(given) + bool(plan.waypoint)) != 1:
         raise ValueError(f"{count} shapes: give waypoints, or one of circle, lemniscate, lawn_mower")
     if len(plan.waypoint) > MAX_SEGMENTS:
         raise ValueError(f"waypoint: {len(plan.waypoint)} of them; {MAX_SEGMENTS} at most: divide the path")
@@ -120,12 +110,12 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
         profile = yield from profiled(curve, plan.speed_mps, plan.acceleration_mps2, limits, loops=again)
         legs.append(Leg(curve, profile, wait_s, loops))
     extremes = yield from _extremes([leg.curve for leg in legs])
-    ends_m = tuple(accumulate(leg.curve.length for leg in legs))
-    if not math.isfinite(ends_m[-1]):
-        raise ValueError(f"the path takes {ends_m[-1]:g} m: must be finite")
+    length_m = sum(leg.curve.length for leg in legs)
+    if not math.isfinite(length_m):
+        raise ValueError(f"the path takes {length_m:g} m: must be finite")
     given_headings = any(waypoint.heading_deg is not UNSET for waypoint in plan.waypoint)
     keeps = plan.heading == "keep" and plan.heading_deg is UNSET and not given_headings
-    return Path(plan, tuple(legs), (plan.relative, plan.relative, not deep, keeps), extremes, ends_m)
+    return Path(plan, tuple(legs), (plan.relative, plan.relative, not deep, keeps), extremes, length_m)
 
 
 def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
@@ -144,7 +134,7 @@ def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
     return (*low, *high)
 
 
-def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list[_Bare]]:
+def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list[Bare]]:
     z = _depth(shape.depth_m)
     if isinstance(shape, LawnMower):
         lines = yield from _lines(shape)
@@ -156,7 +146,7 @@ def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list
     curve = Curve()
     yield from curve.join(nodes)
     yield from _turn(plan, curve, loops=True)
-    return [_Bare(curve, 0.0, loops=True)]
+    return [(curve, 0.0, True)]
 
 
 def _round(shape: Circle, z: float) -> Callable[[float], tuple[Point, Point, Point]]:
@@ -207,7 +197,7 @@ def _lines(shape: LawnMower) -> Steps[list[Waypoint]]:
     return points
 
 
-def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[_Bare]]:
+def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[Bare]]:
     """Return the legs of a polyline: it stops at waypoints without a corner, and where it waits."""
     edges = yield from _edges(waypoints, closed=closed)
     count = len(waypoints)
@@ -220,7 +210,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
         reach[0] = 0.0
     headings = [_radians(waypoint.heading_deg) for waypoint in waypoints]
     psi = next((given for given in headings if given is not None), None)
-    legs: list[_Bare] = []
+    legs: list[Bare] = []
     curve, stations = Curve(), [(0.0, headings[0])]
     here = _towards(*edges[0], reach[0] or 0.0)
     for k, (previous, at) in enumerate(edges, start=1):
@@ -238,8 +228,8 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
         stations.append((station, headings[k]))
         if reach[k] == 0.0 or (loops and k == 0):
             stations.append((curve.length, headings[k]))
-            psi = yield from _turn_by(plan, curve, stations, psi, loops=loops)
-            legs.append(_Bare(curve, waypoints[k].wait_s, loops))
+            psi = yield from _turn(plan, curve, stations, psi, loops=loops)
+            legs.append((curve, waypoints[k].wait_s, loops))
             curve, stations = Curve(), [(0.0, headings[k])]
     return legs
 
@@ -310,33 +300,28 @@ def _towards(begin: Point, end: Point, d: float) -> Point:
     return (begin[0] + d * x, begin[1] + d * y, begin[2] + d * z)
 
 
-def _turn(plan: PathPlan, curve: Curve, *, loops: bool) -> Steps[None]:
-    psi = _radians(plan.heading_deg)
-    if psi is not None:
-        yield from turn_between(curve, [(0.0, psi)])
-    elif plan.heading == "along":
-        yield from turn_along(curve, loops=loops)
-
-
-def _turn_by(
+def _turn(
     plan: PathPlan,
     curve: Curve,
-    stations: Sequence[tuple[float, float | None]],
-    last_psi: float | None,
+    stations: Sequence[tuple[float, float | None]] = (),
+    last_psi: float | None = None,
     *,
     loops: bool,
 ) -> Steps[float | None]:
-    """Give the curve its headings; return the last of those that waypoints give."""
-    if last_psi is None:
-        yield from _turn(plan, curve, loops=loops)
-        return None
-    known: dict[float, float] = {}
-    for s, psi in [(0.0, last_psi), *stations]:
-        yield 1
-        if psi is not None:
-            last_psi += wrap(psi - last_psi)
-            known[s] = last_psi
-    yield from turn_between(curve, list(known.items()))
+    """Give the curve its headings, and return the last: of waypoints, a fixed one, or along the path."""
+    fixed = _radians(plan.heading_deg)
+    if last_psi is not None:
+        known = {}
+        for s, psi in [(0.0, last_psi), *stations]:
+            yield 1
+            if psi is not None:
+                last_psi += wrap(psi - last_psi)
+                known[s] = last_psi
+        yield from turn_between(curve, list(known.items()))
+    elif fixed is not None:
+        yield from turn_between(curve, [(0.0, fixed)])
+    elif plan.heading == "along":
+        yield from turn_along(curve, loops=loops)
     return last_psi
 
 
