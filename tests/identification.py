@@ -13,17 +13,15 @@ from companion.engine import Engine
 from companion.identify.fit import Fit
 from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre
 from companion.identify.manoeuvre import SETTLE_S as REST_S
-from companion.identify.model import DELAY, LAG, LATER, LINEAR, MASS, QUADRATIC, WEIGHT
-from companion.identify.samples import Sample, Streams
+from companion.identify.model import LAG, LINEAR, MASS, QUADRATIC, WEIGHT
+from companion.identify.samples import Sample
 from companion.records import AXES, PSI, Array, Request, Setpoint, Y, Z
-from lab.loop.lockstep import START_S, LinkDelay, Lockstep
+from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
 from sim_bridge.config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle
 
 AXIS_OF_BODY = (0, 1, 2, 5)
-SHIFTS_S = np.arange(-0.02, 0.06, 0.0005)
-DIFFERENCE = 5
 LONGEST_S, SETTLE_S = 240.0, 0.5
 DEPTH_M = 3.0
 
@@ -107,7 +105,7 @@ def manoeuvred(plant: SimConfig, config: Config, seed: int) -> tuple[Manoeuvre, 
     return manoeuvre, np.array(watched.log)
 
 
-def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit, log: Array) -> Iterator[Compared]:
+def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit) -> Iterator[Compared]:
     """Say what is true beside what was found, in forces of T200 thrusters."""
     hull = plant.hull
     yield Compared("all", "lag_s", plant.thrusters.lag_s, *found.sum_of(LAG))
@@ -123,12 +121,6 @@ def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit, log: Array) -> I
         for number, values in ((LINEAR, hull.linear_damping), (QUADRATIC, hull.quadratic_damping)):
             what = "linear damping" if number == LINEAR else "quadratic damping"
             yield Compared(name, what, values[i] / strength, *found.sum_of(number + dof))
-        if dof in (PSI, Z):
-            late = (DELAY, LATER) if dof == Z else (DELAY,)
-            delay_s = _motor_delay_s(plant, manoeuvre.samples, begin_s, log) + _rate_age_s(dof, rates, log)
-            yield Compared(name, "delay_s", delay_s, *found.sum_of(*late))
-            true_s = plant.thrusters.lag_s + delay_s
-            yield Compared(name, "lag + delay, s", true_s, *found.sum_of(LAG, *late))
         if dof == Z:
             weight, sigma = found.sum_of(WEIGHT)
             yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -weight, sigma)
@@ -162,36 +154,3 @@ def _strength(plant: SimConfig, dof: int) -> float:
     gains = np.array(thrusters.gain * len(shares) if len(thrusters.gain) == 1 else thrusters.gain)
     lever = math.sqrt(0.5) * sum(thrusters.horizontal_m[:2]) / PER_NEWTON[PSI] if dof == PSI else 1.0
     return float(gains @ shares / shares.sum()) * lever
-
-
-def _motor_delay_s(plant: SimConfig, samples: Streams, begin_s: float, log: Array) -> float:
-    """Return how long after a command was sent the motors had it.
-
-    Half a step less: the simulator lets the thrust at the end of a step act during all of it.
-    """
-    factors = np.array(FACTORS[plant.thrusters.frame])
-    demands = np.array([one.values for one in samples.sticks]) @ factors.T
-    sent_s = np.array([one.t_s for one in samples.sticks]) - START_S
-    step_s = log[1, 0] - log[0, 0]
-    grid_s = np.arange(begin_s - START_S, begin_s - START_S + 10.0, 0.0005)
-    had = log[np.searchsorted(log[:, 0] - step_s, grid_s, "right") - 1, 7:]
-    shifts_s, misses = SHIFTS_S[SHIFTS_S >= 0.0], []
-    for shift_s in shifts_s:
-        asked = demands[np.searchsorted(sent_s, grid_s - shift_s, "right") - 1]
-        misses.append(float(np.mean((1500.0 + 400.0 * asked - had[:, : asked.shape[1]]) ** 2)))
-    return float(shifts_s[np.isclose(misses, min(misses))].mean() - 0.5 * step_s)
-
-
-def _rate_age_s(dof: int, rates: Sequence[Sample], log: Array) -> float:
-    """Return how old a rate of heave or yaw is at its stamp, on our clock: the shift that makes it the truth.
-
-    Changes over DIFFERENCE samples are compared: they hold little of the sensors' slow noise.
-    """
-    values = np.array([one.values[-1] for one in rates])
-    at_s = np.array([one.t_s for one in rates]) - START_S
-    true = np.gradient(np.unwrap(log[:, 1 + AXIS_OF_BODY[dof]]), log[:, 0])
-    misses = []
-    for shift_s in SHIFTS_S:
-        miss = values - np.interp(at_s - shift_s, log[:, 0], true)
-        misses.append(float(np.std(miss[DIFFERENCE:] - miss[:-DIFFERENCE])))
-    return float(SHIFTS_S[int(np.argmin(misses))])
