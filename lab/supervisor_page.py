@@ -6,25 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from companion.config import SupervisorLimits, load_config
-from companion.core.tilt import (
-    AHEAD_S,
-    FAST_N_PER_S,
-    LEVEL_RAD,
-    PART_FROM_RAD,
-    STEEP_RAD,
-    UNLEVELLED_ALARM_RAD,
-    UNLEVELLED_N,
-    YAW_LEVEL_RAD,
-    YAW_STEEP_RAD,
-)
+from companion.core import tilt
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import (
-    BLOCKING,
-    FREEZES,
-    MOST_INTERRUPTED,
-    SAMPLE_S,
-    WARNS,
-)
+from companion.supervision.conditions import BLOCKING, FREEZES, MOST_INTERRUPTED, SAMPLE_S, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.monitor import RECOVERS_PER_S, STEADY_S
 from companion.supervision.supervisor import transition
@@ -77,20 +61,20 @@ Tilt alone does not release the vehicle: its cause (a load, a tether, a dead thr
 the autopilot would disarm it 3 s later. Holdfast removes the forces that increase the tilt, and keeps those
 that hold the depth:
 
-| larger tilt of now and {AHEAD_S:g} s ahead | what Holdfast still controls |
+| larger tilt of now and {tilt.AHEAD_S:g} s ahead | what Holdfast still controls |
 |---|---|
-| up to {_deg(LEVEL_RAD)}° | everything |
-| {_deg(LEVEL_RAD)} to {_deg(STEEP_RAD)}° | everything; horizontal force and setpoint speeds decrease |
-| {_deg(STEEP_RAD)} to {_deg(YAW_STEEP_RAD)}° | \
-heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(YAW_LEVEL_RAD)}° yaw decreases |
+| up to {_deg(tilt.LEVEL_RAD)}° | everything |
+| {_deg(tilt.LEVEL_RAD)} to {_deg(tilt.STEEP_RAD)}° | all; horizontal force and setpoint speeds decrease |
+| {_deg(tilt.STEEP_RAD)} to {_deg(tilt.YAW_STEEP_RAD)}° | \
+heave, levelling, yaw; x and y setpoints follow the vehicle; from {_deg(tilt.YAW_LEVEL_RAD)}° yaw decreases |
 | beyond `max_tilt_deg` | heave and levelling; TILTED warns, learning is frozen, engaging is refused |
 | this for `off_track_s`, and 0.3 m from its depth | nothing: TILT PERSISTS hands over |
 
-From {_deg(PART_FROM_RAD)}° on the horizontal thrusters provide a part of heave: the force stays vertical.
+From {_deg(tilt.PART_FROM_RAD)}° on the horizontal thrusters help with heave: the force stays vertical.
 
 The frame with six thrusters cannot produce a pitch moment: the limit of its horizontal force starts at
-{UNLEVELLED_N:g} N, rises by {FAST_N_PER_S:g} N/s until the vehicle tilts by {_deg(UNLEVELLED_ALARM_RAD)}°,
-and then stays below that force. The vehicle may drift; SATURATED warns.
+{tilt.UNLEVELLED_N:g} N, rises by {tilt.FAST_N_PER_S:g} N/s until the vehicle tilts by
+{_deg(tilt.UNLEVELLED_ALARM_RAD)}°, and then stays below that force. The vehicle may drift; SATURATED warns.
 """
 
 HAND_OVER = f"""\
@@ -123,7 +107,7 @@ Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral
 def page() -> str:
     """Return the whole page."""
     parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(load_config().supervisor)]
-    return "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER])
+    return "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER]).replace(", button or dashboard", "")
 
 
 def _states() -> Iterator[str]:
