@@ -7,8 +7,7 @@ Between storms it is calm, and the engine is asked to engage again, so that stor
 Every fifth dive has no vehicle: messages alone, wholly random. Every second has a configuration drawn from
 the types' own ranges, their ends included. Commands are drawn from their types too: paths of every kind,
 gains and noises, with absurd values and broken JSON among them; they go through the queue, as in the process.
-What the process does beside the tick is done too: map, events, the pilot's display, the log's lines, raw
-ticks, and the file of the signing's state.
+What the process does beside the tick is done too: map, events, the pilot's display, log lines, raw ticks.
 
 Held in every tick: nothing raises, no command leads to an error that nobody foresaw, and
 `lab.studies.promises`. Held after a long calm: the estimator has found depth and heading again.
@@ -23,8 +22,6 @@ import math
 import re
 import struct
 import sys
-import tempfile
-import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -45,8 +42,6 @@ from companion.io.command_queue import COST, CommandQueue, ReceivedCommand
 from companion.mavlink.decode import Decoder
 from companion.mavlink.link_maintenance import PARAMETERS
 from companion.mavlink.relay import Relay
-from companion.mavlink.signing import EPOCH_S, MAX_TIMESTAMP, UNITS_PER_S, Signing
-from companion.mavlink.timestamps import AHEAD, TimestampFile
 from companion.records import (
     AXES,
     PSI,
@@ -78,8 +73,6 @@ STORM_TICKS = (25, 200)
 CALM_TICKS = 250
 ORDER_TICKS = 100
 PATH_TICKS = 20
-STATE_TICKS = 50
-KEY = bytes(range(32))
 RECOVERED_TICKS = 700
 """After so long a calm depth and heading have to be found again: the observer lets go of an error of half
 a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
@@ -361,18 +354,18 @@ def configuration(rng: Random, fixed: Sequence[str]) -> Config:
 Spoil = Callable[[float, Inbox], Inbox]
 
 
-def altered(change: Callable[[Kind, list[Any]], None]) -> Spoil:
-    """Return a spoil that changes the values of each message we know."""
+def altered(change: Callable[[Kind, list[Any]], None], *, beside: bool = False) -> Spoil:
+    """Return a spoil that changes the values of each message we know, or sends such a one `beside` it."""
 
     def spoil(now_s: float, inbox: Inbox) -> Inbox:
         out = []
         for t_ns, data in inbox:
-            known = opened(data)
-            if known is not None and data[5:7] == bytes(VEHICLE):
+            known = opened(data) if data[5:7] == bytes(VEHICLE) else None
+            if known is None or beside:
+                out.append((t_ns, data))
+            if known is not None:
                 change(*known)
                 out.append((t_ns, frame(*known, VEHICLE)))
-            else:
-                out.append((t_ns, data))
         return out
 
     return spoil
@@ -393,18 +386,6 @@ def one_field(rng: Random, _: "Fuzzed") -> Spoil:
     return altered(change)
 
 
-def all_fields(rng: Random, _: "Fuzzed") -> Spoil:
-    """Any field of any type, now and then."""
-    often = rng.choice((0.3, 0.05, 0.005))
-
-    def change(kind: Kind, values: list[Any]) -> None:
-        for i, code in enumerate(kind.codes):
-            if rng.random() < often:
-                values[i] = absurd(rng, code, values[i])
-
-    return altered(change)
-
-
 def clocks(rng: Random, _: "Fuzzed") -> Spoil:
     """Stamps and answers to TIMESYNC are off, stand still or run at another pace."""
     which = rng.choice((set(STAMPS), {"tc1"}, {"time_boot_ms", "time_usec"}, {"time_usec"}, {"ts1"}))
@@ -417,8 +398,8 @@ def clocks(rng: Random, _: "Fuzzed") -> Spoil:
                 scale = STAMPS.get(name, 1e9)
                 if math.isnan(since[0]):
                     since[0] = values[i] / scale
-                stamp = round(values[i] + (off_s + pace * (values[i] / scale - since[0])) * scale)
-                values[i] = min(max(stamp, 0), (1 << (32 if kind.codes[i] == "I" else 63)) - 1)
+                late_s = off_s + pace * (values[i] / scale - since[0])
+                values[i] = _stamp(values[i] + late_s * scale, kind.codes[i])
 
     return altered(change)
 
@@ -427,24 +408,18 @@ def twin(rng: Random, _: "Fuzzed") -> Spoil:
     """A second autopilot with the same system id and another clock, elsewhere."""
     off_s, off = rng.choice((-1.0, 1.0)) * 10.0 ** rng.uniform(-2.0, 6.0), rng.gauss(0.0, 2.0)
 
-    def spoil(now_s: float, inbox: Inbox) -> Inbox:
-        out = []
-        for t_ns, data in inbox:
-            out.append((t_ns, data))
-            known = opened(data)
-            if known is None:
-                continue
-            kind, values = known
-            for i, (name, code) in enumerate(zip(kind.fields, kind.codes, strict=True)):
-                if name in STAMPS:
-                    top = (1 << (32 if code == "I" else 63)) - 1
-                    values[i] = min(max(round(values[i] + off_s * STAMPS[name]), 0), top)
-                elif code == "f":
-                    values[i] = values[i] + off
-            out.append((t_ns, frame(kind, values, VEHICLE)))
-        return out
+    def change(kind: Kind, values: list[Any]) -> None:
+        for i, (name, code) in enumerate(zip(kind.fields, kind.codes, strict=True)):
+            if name in STAMPS:
+                values[i] = _stamp(values[i] + off_s * STAMPS[name], code)
+            elif code == "f":
+                values[i] = values[i] + off
 
-    return spoil
+    return altered(change, beside=True)
+
+
+def _stamp(value: float, code: str) -> int:
+    return min(max(round(value), 0), (1 << (32 if code == "I" else 63)) - 1)
 
 
 def carried(rng: Random, _: "Fuzzed") -> Spoil:
@@ -539,7 +514,6 @@ STORMS = (
     one_field,
     one_field,
     one_field,
-    all_fields,
     clocks,
     clocks,
     twin,
@@ -563,7 +537,7 @@ def _count(rng: Random, mean: float) -> int:
 class Fuzzed:
     """Stands where the engine is: spoils what comes, holds every tick to account."""
 
-    def __init__(self, rng: Random, config: Config, tally: "Tally", folder: Path) -> None:
+    def __init__(self, rng: Random, config: Config, tally: "Tally") -> None:
         ground = bool(config.ground_station.endpoint)
         depth_m = math.nan if config.fence.enabled else min(1.0, config.supervisor.max_depth_m)
         self.engine = Engine(config, Setpoint((math.nan, math.nan, depth_m, 0.3)), arm=True)
@@ -583,7 +557,6 @@ class Fuzzed:
         self._kept: Inbox = []
         self._sample: ControlSample | None = None
         self._event_log = EventLog()
-        self._state = SigningState(rng, folder)
         self._promises = Promises(config, pilot=ground)
 
     def step(
@@ -616,8 +589,6 @@ class Fuzzed:
         self._tell(sample)
         tick = Raw(tick=loop.tick, now_s=now_s, heard=inbox, ground=pilot, out=out, order=given.order)
         msgspec.msgpack.encode(tick)
-        if loop.tick % STATE_TICKS == 0:
-            self._state.step(now_s)
         self._sample = sample
         return [*passed, *out], sample
 
@@ -658,48 +629,11 @@ class Fuzzed:
         return self._relay.take(), passed
 
 
-class SigningState:
-    """The file of the signing's timestamps, over restarts and whatever clock and sender there is.
-
-    Held: what is signed has room for its timestamp, and is later than all before.
-    """
-
-    def __init__(self, rng: Random, folder: Path) -> None:
-        self._rng, self._path = rng, folder / "signing.json"
-        self._other = Signing(KEY, 1)
-        self._last = -1
-        self._restart()
-
-    def step(self, now_s: float) -> None:
-        """Hear a frame, sign one and keep that; now and then break the file, or restart."""
-        rng, ours = self._rng, self._signing
-        ours.advance(now_s)
-        self._other.recall(rng.choice((0, ours.timestamp, rng.randrange(1 << 48), MAX_TIMESTAMP - 2)), {})
-        frame = b"\xfd\0\1\0\0" + bytes(rng.choice((VEHICLE, GROUND))) + bytes(5)
-        ours.accepts(self._other.signed(frame))
-        stamp = int.from_bytes(ours.signed(frame)[-12:-6], "little")
-        promise(stamp > self._last, f"a timestamp of {stamp} after {self._last}")
-        self._last = stamp
-        self._file.write(AHEAD)
-        if rng.random() < 0.2:
-            if rng.random() < 0.1:
-                self._path.write_bytes(rng.randbytes(rng.randrange(60)))
-                self._last = -1
-            self._restart()
-
-    def _restart(self) -> None:
-        utc_s = self._rng.choice((EPOCH_S, 1.8e9, 2.0**32, EPOCH_S + MAX_TIMESTAMP / UNITS_PER_S, -1e9, 1e15))
-        self._signing = Signing(KEY, 7, utc_s)
-        self._file = TimestampFile(self._path, {"vehicle": self._signing})
-
-
 @dataclass
 class Tally:
     """What came of all dives so far."""
 
-    dives: int = 0
     recovered: int = 0
-    broken: int = 0
     ticks: int = 0
     paths: int = 0
     answers: Counter[str] = field(default_factory=Counter)
@@ -713,22 +647,20 @@ def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
 
 def fuzz(number: int, tally: Tally) -> None:
     """Dive number `number`; raises whatever goes wrong."""
-    tally.dives += 1
     rng = Random(number)
     plant, sea, companion = VARIANTS[rng.randrange(len(VARIANTS))]
     if rng.random() < 0.3 and not companion:
         companion = WITH_GROUND
     ours = rng.random() < 0.5
     config = load_config(overrides=companion) if ours else configuration(rng, companion)
-    with tempfile.TemporaryDirectory() as folder:
-        fuzzed = Fuzzed(rng, config, tally, Path(folder))
-        if rng.random() < 0.2:
-            _messages_alone(rng, fuzzed, tally)
-        else:
-            sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
-            vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
-            loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
-            _dive(rng, fuzzed, loop, tally, config if ours else None)
+    fuzzed = Fuzzed(rng, config, tally)
+    if rng.random() < 0.2:
+        _messages_alone(rng, fuzzed, tally)
+    else:
+        sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
+        vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
+        loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
+        _dive(rng, fuzzed, loop, tally, config if ours else None)
 
 
 def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
@@ -766,22 +698,10 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Conf
             fuzzed.order(order(rng, ("follow", "follow", "goto", "path", "velocity")))
         if calm == RECOVERED_TICKS and fuzzed.engine.config == sound and not fuzzed.by_pressure:
             believed, true = step.sample.state.eta, step.truth.eta
-            missed_m, missed_rad = (
-                abs(believed[Z] - true[2]),
-                abs(math.remainder(believed[PSI] - true[5], math.tau)),
-            )
             tally.recovered += 1
-            promise(
-                bool(missed_m <= NEAR_M),
-                f"depth {believed[Z]} m where it is {true[2]} m, long after the storm",
-            )
-            promise(bool(missed_rad <= NEAR_RAD), f"heading {believed[PSI]} rad where it is {true[5]} rad")
-
-
-def tell(text: str) -> None:
-    """Write a line at once."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+            missed_rad = abs(math.remainder(believed[PSI] - true[5], math.tau))
+            for missed, near in ((abs(believed[Z] - true[2]), NEAR_M), (missed_rad, NEAR_RAD)):
+                promise(bool(missed <= near), f"{believed} where it is {true}, long after the storm")
 
 
 def main() -> int:
@@ -791,31 +711,19 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--dives", type=int, default=sys.maxsize)
     chosen = parser.parse_args()
-    tally, since_s = Tally(), time.monotonic()
+    tally, broken = Tally(), 0
     for number in range(chosen.first, chosen.first + chosen.dives):
         if tally.ticks >= chosen.ticks:
             break
         at = tally.ticks
         try:
             fuzz(number, tally)
-        except Exception as error:  # the finding is told, and the next dive begins
-            tally.broken += 1
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            tell(
-                f"dive {number}, tick {tally.ticks - at}: {type(error).__name__}: {str(error)[:300]} "
-                f"({Path(where.filename).name}:{where.lineno})"
-            )
-            if chosen.dives == 1:
-                traceback.print_exception(error)
-    shares = ", ".join(f"{state} {tally.states[state]}" for state in State if tally.states[state])
-    took_s = time.monotonic() - since_s
-    tell(
-        f"{tally.dives} dives from {chosen.first}, {tally.ticks} ticks in {took_s:.0f} s: {shares}; "
-        f"looked {tally.recovered} times for depth and heading after a storm; {tally.broken} promises broken"
-    )
-    answers = ", ".join(f"{count} {answer}" for answer, count in sorted(tally.answers.items()))
-    tell(f"commands: {answers}; {tally.paths} paths were followed")
-    return int(tally.broken > 0)
+        except Exception:  # the finding is told, and the next dive begins
+            broken += 1
+            sys.stdout.write(f"dive {number}, tick {tally.ticks - at}: {traceback.format_exc(-1)}")
+            sys.stdout.flush()
+    sys.stdout.write(f"{broken} dives break a promise; {tally}\n")
+    return int(broken > 0)
 
 
 if __name__ == "__main__":
