@@ -46,13 +46,8 @@ MAX_EXTRAPOLATION_S = (0.06, 0.06, 0.045, 0.03)
 error would feed itself: with the shipped noises it grows from 0.06 s on, in yaw from 0.035 s."""
 
 
-class Measured(NamedTuple):
-    """The newest samples of one degree of freedom since the last tick, and when they were true; NaN: none."""
-
-    position: float
-    position_s: float
-    rate: float
-    rate_s: float
+Timed = tuple[float, float]
+"""The newest value of a tick, NaN where none came, and when it was true."""
 
 
 class Observers(NamedTuple):
@@ -98,7 +93,8 @@ class Inputs(NamedTuple):
     """What a tick knows before it observes."""
 
     now_s: float
-    measured: Four[Measured]
+    positions: Four[Timed]
+    rates: Four[Timed]
     begins: Vector
     """Where a degree of freedom begins again, as it was not measured for long; NaN where it does not."""
     stale: Flags
@@ -289,8 +285,7 @@ def _observed(
         left_out = now.forces[dof] / gain - push.c / gain * state.v if inputs.positioned else 0.0
         q_ahead, q_dot_ahead, _ = trajectory[-1]
         moving = Moving(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, innovation)
-    after = DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=since, q=moving.q)
-    return after, moving, shown
+    return DofMemory(state, to_s, mean_d, since, moving.q), moving, shown
 
 
 def _corrected(
@@ -300,13 +295,14 @@ def _corrected(
 
     Return the observer, the ticks since position and rate were measured, the innovation, and what is shown.
     """
-    state, measured = observer.advance(control[0], was.state, push, gain), inputs.measured[dof]
+    state = observer.advance(control[0], was.state, push, gain)
+    (measured, measured_s), (measured_rate, rate_s) = inputs.positions[dof], inputs.rates[dof]
     of_position, of_rate = was.since[0] + 1.0, was.since[1] + 1.0
     gains = observer.at_intervals(control, of_position, of_rate)
     (q_dot, v_dot), most_s = observer.rates(state, push, gain), MAX_EXTRAPOLATION_S[dof]
     sample = Sample(
-        measured.position + q_dot * clamped(to_s - measured.position_s, -most_s, most_s),
-        measured.rate + v_dot * clamped(to_s - measured.rate_s, -most_s, most_s),
+        measured + q_dot * clamped(to_s - measured_s, -most_s, most_s),
+        measured_rate + v_dot * clamped(to_s - rate_s, -most_s, most_s),
     )
     e_q, e_v = observer.innovation(state, sample, dof == PSI)
     begins = math.nan
@@ -314,10 +310,10 @@ def _corrected(
         state, begins = state._replace(q=state.q + e_q), sample.position
         sample, e_q = Sample(math.nan, sample.rate), 0.0
     since = (
-        of_position if math.isnan(measured.position) else 0.0,
-        of_rate if math.isnan(measured.rate) else 0.0,
+        of_position if math.isnan(measured) else 0.0,
+        of_rate if math.isnan(measured_rate) else 0.0,
     )
-    shown = Shown(push=push, sample=sample, begins=begins)
+    shown = Shown(push, sample, begins)
     return observer.correct(gains, state, e_q, e_v), since, e_q, shown
 
 

@@ -152,23 +152,18 @@ def observe(
     nu_q, nu_v = innovation(observed, sample, angular)
     (gain_q, gain_v), (lag_q, lag_v) = slopes(by_gain, sample), slopes(by_lag, sample)
     spread_q, spread_v = _spread(spread_q, nu_q, dt_s), _spread(spread_v, nu_v, dt_s)
-    after = ModelState(
-        observer=correct(parameters, observed, nu_q, nu_v),
-        by_gain=correct(parameters, by_gain, -gain_q, -gain_v),
-        by_lag=correct(parameters, by_lag, -lag_q, -lag_v),
-        position_variance=spread_q,
-        rate_variance=spread_v,
-        measured=measured,
-    )
+    observed = correct(parameters, observed, nu_q, nu_v)
+    by_gain = correct(parameters, by_gain, -gain_q, -gain_v)
+    by_lag = correct(parameters, by_lag, -lag_q, -lag_v)
+    after = ModelState(observed, by_gain, by_lag, spread_q, spread_v, measured)
     nu_q, nu_v = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
     weight_q, weight_v = 1.0 / (DOUBTED * spread_q), 1.0 / (DOUBTED * spread_v)
-    return after, Evidence(
-        gain=weight_q * gain_q * nu_q + weight_v * gain_v * nu_v,
-        lag=weight_q * lag_q * nu_q + weight_v * lag_v * nu_v,
-        gain_gain=weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
-        gain_lag=weight_q * gain_q * lag_q + weight_v * gain_v * lag_v,
-        lag_lag=weight_q * lag_q * lag_q + weight_v * lag_v * lag_v,
-    )
+    gain = weight_q * gain_q * nu_q + weight_v * gain_v * nu_v
+    lag = weight_q * lag_q * nu_q + weight_v * lag_v * nu_v
+    gain_gain = weight_q * gain_q * gain_q + weight_v * gain_v * gain_v
+    gain_lag = weight_q * gain_q * lag_q + weight_v * gain_v * lag_v
+    lag_lag = weight_q * lag_q * lag_q + weight_v * lag_v * lag_v
+    return after, Evidence(gain, lag, gain_gain, gain_lag, lag_lag)
 
 
 def _advanced(

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from companion.config import Config, SupervisorLimits
 from companion.core import observer, observers
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
-from companion.core.observers import MAX_GAP_S, Inputs, Measured, Motion, ObserversMemory
+from companion.core.observers import MAX_GAP_S, Inputs, Motion, ObserversMemory
 from companion.core.positioning import Model
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
@@ -35,6 +35,7 @@ from companion.records import (
     ZERO,
     Ages,
     Current,
+    Delays,
     Event,
     Flags,
     FrameShift,
@@ -162,17 +163,20 @@ class Estimator:
             self.restart()
             delays, self._hidden_s = self._meter.delays, 0.0
         self._loop_delays = replace(delays, hidden_s=self._hidden_s)
-        ages_s = [now_s - t_s for t_s in self._measured_t_s]
-        attitude = self._attitude
         if self._restarted:
             memory = observers.restarted(memory.hidden, memory.learner)
             self._restarted = False
-        measured = zip(self._positions, self._rates, strict=True)
-        return memory, Inputs(
+        return memory, self._inputs(now_s, delays, learns)
+
+    def _inputs(self, now_s: float, delays: Delays, learns: Flags) -> Inputs:
+        attitude, timeout_s = self._attitude, self._timeout_s
+        ages_s = [now_s - t_s for t_s in self._measured_t_s]
+        return Inputs(
             now_s=now_s,
-            measured=vector([Measured(*position, *rate) for position, rate in measured]),
+            positions=vector(self._positions),
+            rates=vector(self._rates),
             begins=vector(self._begins),
-            stale=vector([not a <= b for a, b in zip(ages_s, self._timeout_s, strict=True)]),
+            stale=vector([not a <= b for a, b in zip(ages_s, timeout_s, strict=True)]),
             telemetry_s=delays.telemetry_s,
             command_s=delays.command_s,
             ahead_s=delays.command_s + self._lead_s,
@@ -265,7 +269,7 @@ class Estimator:
         return self._depths.noise, self._headings.noise
 
     def trust_heading(self) -> None:
-        """Forget what was told of the heading: the operator engages again."""
+        """Forget what was reported of the heading: the operator engages again."""
         self._heading_watch.restart()
 
     def sent(self, now_s: float, axes: Vector) -> None:

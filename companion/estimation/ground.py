@@ -47,7 +47,7 @@ ANSWER_OMEGA_RADPS, ANSWER_MEMORY_S = 1.5, 5.0
 """Of straight motion: quicker than the vehicle follows a ground; of the regression: a period of the nod."""
 
 SCATTER_M, LEAST_INFORMATION = 0.015, 25.0
-"""Least standard deviation of a range, in whole centimetres; f is told when its own is below 1/5."""
+"""Least standard deviation of a range, in whole centimetres; f is reported when its own is below 1/5."""
 
 HISTORY_S = 1.0
 """How much longer than the range's delay the vehicle's depth is kept: telemetry is late too."""

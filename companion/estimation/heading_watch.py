@@ -71,7 +71,7 @@ class HeadingWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was told."""
+        """Forget what was reported."""
         self._lost = False
         self._rest_gyro()
         self._rest_course()
@@ -91,7 +91,7 @@ class HeadingWatch:
 
     @property
     def check(self) -> HeadingCheck:
-        """What is told of the heading."""
+        """What is reported of the heading."""
         by_gyro = abs(self._gyro_rad) > GYRO_REPORTED_RAD + GYRO_SCALE * abs(self._turned_rad)
         doubtful = by_gyro or self._lost or self._reported_s > LASTS_S
         return HeadingCheck(self._gyro_rad, self._course_rad, doubtful, self._lost)
@@ -141,8 +141,7 @@ class HeadingWatch:
             return
         nu = (velocity if self._velocity is None else self._velocity) / ahead
         braked = complex(
-            gain_x * (nominal.d1[0] + nominal.d2[0] * abs(nu.real)) * nu.real,
-            gain_y * (nominal.d1[1] + nominal.d2[1] * abs(nu.imag)) * nu.imag,
+            gain_x * _damping(nominal, 0, nu.real) * nu.real, gain_y * _damping(nominal, 1, nu.imag) * nu.imag
         )
         if self._velocity is None:  # it is taken for being in balance
             self._velocity, self._thrust = velocity, wanted
@@ -183,3 +182,7 @@ class HeadingWatch:
         self._vv = kept * self._vv + abs(v) ** 2 * self._gap_s
         self._uv = kept * self._uv + u.conjugate() * v * self._gap_s
         self._velocity, self._gap_s = velocity, 0.0
+
+
+def _damping(nominal: Model, axis: int, speed: float) -> float:
+    return nominal.d1[axis] + nominal.d2[axis] * abs(speed)

@@ -22,10 +22,10 @@ DOUBLINGS = 40
 """2^40 ticks: the recursion has settled long before."""
 
 LEAST_LAG_S = 0.02
-"""Shortest thruster lag of a table: a tick."""
+"""Shortest thruster lag of a table."""
 
 TYPICAL_RATE = 0.1
-"""m/s, rad/s: the rate at which the drag is taken for the Kalman gain, about that of a hold in waves."""
+"""m/s, rad/s: the rate at which the drag is taken for the Kalman gain."""
 
 QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""

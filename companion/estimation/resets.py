@@ -22,7 +22,7 @@ POSITION_RESET_M = 0.1
 """Less than a USBL's fix moves an EKF. A velocity that is wrong by more than 0.1 m/s looks like jumps."""
 
 POSITION_WARNED_M = 0.25
-"""A jump that is larger is told."""
+"""A jump that is larger is reported."""
 
 MAX_ACCELERATION = 5.0
 """m/s², likewise."""

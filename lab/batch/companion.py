@@ -13,7 +13,7 @@ import numpy as np
 
 from companion import assembly
 from companion.config import Config
-from companion.core.observers import Inputs, Measured
+from companion.core.observers import Inputs
 from companion.core.tick import Parameters
 from companion.records import PSI, Axes, X, Z
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
@@ -75,11 +75,17 @@ def inputs(
     positioned, learns = not math.isnan(readings.north), tick > 0
     return Inputs(
         now_s=now_s,
-        measured=(
-            Measured(readings.north, place_s, readings.north_rate, place_s),
-            Measured(readings.east, place_s, readings.east_rate, place_s),
-            Measured(readings.depth, z_s, readings.sink, z_s),
-            Measured(readings.heading, psi_s, readings.heading_rate, psi_s),
+        positions=(
+            (readings.north, place_s),
+            (readings.east, place_s),
+            (readings.depth, z_s),
+            (readings.heading, psi_s),
+        ),
+        rates=(
+            (readings.north_rate, place_s),
+            (readings.east_rate, place_s),
+            (readings.sink, z_s),
+            (readings.heading_rate, psi_s),
         ),
         begins=begins,
         stale=(not positioned, not positioned, False, False),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from companion import assembly
 from companion.config import load_config
 from companion.core import tick
-from companion.core.observers import Inputs, Measured
+from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.records import PSI, Angles, Setpoint
 
@@ -38,10 +38,10 @@ def measured(draw, now_s):
     lost = draw(flags)
     return Inputs(
         now_s=now_s,
-        measured=tuple(
-            Measured(math.nan if gone else place, at_s, math.nan if gone else rate, at_s)
-            for place, rate, gone in zip(places, rates, lost, strict=True)
+        positions=tuple(
+            (math.nan if gone else place, at_s) for place, gone in zip(places, lost, strict=True)
         ),
+        rates=tuple((math.nan if gone else rate, at_s) for rate, gone in zip(rates, lost, strict=True)),
         begins=tuple(
             place if begins else math.nan for place, begins in zip(places, draw(flags), strict=True)
         ),
