@@ -131,9 +131,9 @@ def _conditions(limits: SupervisorLimits) -> Iterator[str]:
     yield "| condition | what is said: when | effect | what to do |\n|---|---|---|---|"
     for condition in Condition:
         when = KEY.sub(lambda key: f"`{key[0]}={getattr(limits, key[0]):g}`", condition.description)
-        said = f"{condition.text}: {when}" if when else condition.text
+        what = f"{condition.text}: {when}" if when else condition.text
         name, remedy = title(condition.name or ""), condition.remedy or "–"
-        yield f"| {name} | {said} | {_effect(condition)} | {remedy} |"
+        yield f"| {name} | {what} | {_effect(condition)} | {remedy} |"
     yield ""
 
 

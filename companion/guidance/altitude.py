@@ -10,8 +10,8 @@ it. While the range is doubted the depth is held; only a ground that is near is 
 
 A steady slope that is followed looks like a range that is stuck: the vehicle moves, and the range stays the
 same. So the vehicle nods from half a leg on, and a range that is not stuck shows it. Meanwhile the
-ground's rate, which would be the vehicle's own, makes a descent no faster. What is told in the first half of
-a nod comes from the time before it, and is no answer.
+ground's rate, which would be the vehicle's own, makes a descent no faster. What is measured in the first half
+of a nod comes from the time before it, and is no answer.
 """
 
 import math

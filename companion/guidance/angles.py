@@ -18,10 +18,10 @@ class HeldAngles:
         self.asked = LEVEL
         self._dead_zone = config.supervisor.pilot_deflection
         self._refusal = _refusal(config)
-        told = config.levelling
+        levelling = config.levelling
         self._most_rad = tuple(
-            most_rad(righting_nm, told.max_moment_nm)
-            for righting_nm in (told.roll_righting_nm, told.pitch_righting_nm)
+            most_rad(righting_nm, levelling.max_moment_nm)
+            for righting_nm in (levelling.roll_righting_nm, levelling.pitch_righting_nm)
         )
 
     def permit(self, angles: Angles) -> None:

@@ -1,4 +1,4 @@
-"""Where the vehicle may be told to be: a box north and east, two depths, and how near the ground.
+"""Where the vehicle may be sent: a box north and east, two depths, and how near the ground.
 
 Places keep MARGIN_M from `[fence]`. Without `[fence]` in force only `supervisor.max_depth_m` bounds a place.
 """

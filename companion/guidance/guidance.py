@@ -56,7 +56,7 @@ from companion.records import (
 from companion.telemetry.commands import Goto, SetVelocity
 
 VELOCITY_LASTS_S = 1.0
-"""What a ground station's velocity moves after its last message: ArduSub's GUIDED stops after 3 s."""
+"""How long a ground station's velocity lasts after its message; they come at some Hz."""
 NO_COURSE = "there is no path and no move under way"
 
 

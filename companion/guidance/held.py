@@ -1,6 +1,6 @@
 """Which degrees of freedom the law holds: what the pilot took back, and x and y without a position.
 
-Without a position x and y are let go, and taken up again where something wants them: a place that was held
+Without a position x and y are released, and held again where something wants them: a place that was held
 when the position was lost, a setpoint, a course.
 """
 
@@ -45,7 +45,7 @@ class HeldDofs:
         return regained
 
     def release(self, overridden: Flags) -> None:
-        """Let go what the pilot takes back."""
+        """Release what the pilot takes back."""
         x, y, z, psi = (held and not lost for held, lost in zip(self.engaged, overridden, strict=True))
         self.engaged = (x, y, z, psi)
         self._released = either(self._released, overridden)

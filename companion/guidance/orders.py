@@ -84,7 +84,7 @@ def place_words(eta: Vector, altitude_m: float = math.nan, held: Angles = LEVEL)
     """Return in words to go to a place, NaN where nothing is said; empty where nothing is at all."""
     x, y, z, psi = eta
     roll, pitch = (math.degrees(angle) or math.nan for angle in held)
-    said = {"x_m": x, "y_m": y, "depth_m": z, "heading_deg": math.degrees(psi) % 360.0}
-    said |= {"altitude_m": altitude_m, "roll_deg": roll, "pitch_deg": pitch}
-    given: dict[str, Any] = {key: round(value, 2) for key, value in said.items() if math.isfinite(value)}
+    places = {"x_m": x, "y_m": y, "depth_m": z, "heading_deg": math.degrees(psi) % 360.0}
+    places |= {"altitude_m": altitude_m, "roll_deg": roll, "pitch_deg": pitch}
+    given: dict[str, Any] = {key: round(value, 2) for key, value in places.items() if math.isfinite(value)}
     return in_words(Goto(**given)) if given else ""

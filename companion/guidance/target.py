@@ -55,7 +55,7 @@ class Target:
         self.ask_places((held[X], held[Y], held[Z], held[PSI]), offset.outside(self.now.eta_d))
 
     def carry_on(self, now_s: float, dt_s: float) -> None:
-        """Move the target on by its own rate and acceleration, until nothing was said for too long."""
+        """Move the target on by its own rate and acceleration, until nothing came for too long."""
         if not now_s < self.carries_until_s:
             self.stop_carrying()
             return

@@ -10,7 +10,7 @@ from companion.predive.survey import Survey
 from companion.records import Condition, Event, StatusText, VehicleState
 
 CHECK_S = 0.25
-"""Between two lists: a refusal is told within a quarter of a second, and a list takes a tenth of a tick."""
+"""Between two lists: a refusal is reported within a quarter of a second."""
 MAV_SEVERITY_INFO = 6
 
 

@@ -63,12 +63,12 @@ class Observed:
     toggles: Mapping[str, bool] = field(default_factory=dict)
     receiver_channels: int | None = None
     failsafe_seen: bool = False
-    """Whether the autopilot said twice running that a failsafe is latched (once it says so at every boot):
+    """Whether the autopilot reported twice running that a failsafe is latched (it does once at every boot):
     then nothing keeps the pilot's from firing."""
     origin_known: bool = False
     ekf: EkfStatus | None = None
     yaw_aligned_t_s: float = -math.inf
-    """When the autopilot last said that its EKF aligned its yaw."""
+    """When the autopilot last reported that its EKF aligned its yaw."""
     voltage_v: float | None = None
     directions: Directions | None = None
     conditions: Condition = NOTHING

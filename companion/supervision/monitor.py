@@ -32,11 +32,11 @@ FAILSAFE_SETTLE_S = 1.5
 LEAK_REPEAT_S = 25.0
 """ArduSub repeats the report of a leak every 20 s."""
 ANNOUNCED_S = 2.0
-"""How long an event that is over is told: screens are read at some Hz."""
+"""How long an event that is over is reported: screens are read at some Hz."""
 INNOVATION_MEMORY_S = 0.5
 """A single sample that is wrong is no failure: the mean is over 25 ticks."""
 STEADY_S = 60.0
-"""So long after an interruption the next one is not told anew."""
+"""So long after an interruption the next one is not reported anew."""
 RECOVERS_PER_S = 0.1
 """What a second without an interruption takes off their sum."""
 RECOVERS_S = 5.0
