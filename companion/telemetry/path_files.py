@@ -77,19 +77,24 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
         hold, radius, _, yaw, latitude, longitude, altitude = params[:7]
         depth = -_number(f"{key}.params[6] (altitude; minus the depth)", altitude, -1e4, 0.0)
         places.append((*_degrees(f"{key}.params[4..5]", latitude, longitude), depth))
-        extra: dict[str, Any] = {}
-        if hold:
-            extra["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
-        if radius:
-            extra["corner_m"] = _number(f"{key}.params[1] (acceptance radius)", radius, 0.0, 100.0)
-        if yaw is not None:
-            extra["heading_deg"] = _number(f"{key}.params[3] (yaw)", yaw, -360.0, 360.0)
-        more.append(extra)
+        more.append(_extra(key, hold, radius, yaw))
     found = _local(places, origin)
     found["waypoint"] = [place | extra for place, extra in zip(found["waypoint"], more, strict=True)]
     if left_out:
         LOG.warning("mission.items: commands %s are no waypoints, and are left out", sorted(left_out)[:9])
     return found | ({"speed_mps": speed} if speed else {})
+
+
+def _extra(key: str, hold: Any, radius: Any, yaw: Any) -> dict[str, Any]:
+    """Return what a waypoint has beside its place."""
+    extra: dict[str, Any] = {}
+    if hold:
+        extra["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)
+    if radius:
+        extra["corner_m"] = _number(f"{key}.params[1] (acceptance radius)", radius, 0.0, 100.0)
+    if yaw is not None:
+        extra["heading_deg"] = _number(f"{key}.params[3] (yaw)", yaw, -360.0, 360.0)
+    return extra
 
 
 def _simple_items(items: Sequence[Any], key: str) -> Any:

@@ -114,8 +114,7 @@ class RecorderThread(SessionThread):
 
     def _record(self, session: zenoh.Session) -> None:
         """Serve one vehicle until closed: this thread alone touches the recorder."""
-        vehicle = self._vehicle
-        every = ticks_per_sample(self._endpoint)
+        vehicle, every = self._vehicle, ticks_per_sample(self._endpoint)
         recorder = DiveRecorder(vehicle, self._limits, about(), ticks_per_sample=every)
         key, encoding = telemetry.published(vehicle, "recorder")
         remembered = telemetry.key(vehicle, "raw"), telemetry.key(vehicle, "event")
@@ -128,12 +127,11 @@ class RecorderThread(SessionThread):
             enter, alive = stack.enter_context, session.liveliness()
             enter(session.declare_subscriber(f"holdfast/{vehicle}/**", keep))
             enter(session.declare_subscriber(f"sim/{vehicle}/truth", keep))
-            memories = [_Memory(session, remembered_key, self._keep) for remembered_key in remembered]
+            memories = [_Memory(session, one, self._keep) for one in remembered]
             for memory in memories:
                 stack.callback(memory.close)
-            enter(
-                alive.declare_subscriber(telemetry.key(vehicle, "alive", "*"), self._on_alive, history=True)
-            )
+            tokens = telemetry.key(vehicle, "alive", "*")
+            enter(alive.declare_subscriber(tokens, self._on_alive, history=True))
             publisher = enter(session.declare_publisher(key, encoding=zenoh.Encoding(encoding)))
             ask_s = sync_s = 0.0
             recorder.start(time.time_ns())
