@@ -26,7 +26,7 @@ from companion.io.command_queue import COST, CommandQueue, EngineInput
 from companion.io.links import Admission, MavlinkLink
 from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
-from companion.mavlink.inbox import Inbox
+from companion.mavlink.inbox import MAX_LOOKS, Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
@@ -182,7 +182,7 @@ class App:
         self._late_ticks += max(periods - 1, 0)
         if periods > 1:
             for link in self._links:
-                link.read()
+                link.read(MAX_LOOKS)
         if periods:
             self._tick(ticker)
 

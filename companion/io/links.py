@@ -30,8 +30,8 @@ PEER_LOOK_NS = 100_000_000
 RECONNECT_S = (0.25, 4.0)  # first and longest wait
 HELLO_NS = 200_000_000  # at most 5 heartbeats a second to a stranger
 MAX_DATAGRAM = 65507  # of UDP over IPv4
-MOST_READ = 256
-"""Pieces that are read at once: what waits behind them may be a flood."""
+MOST_READ = 16
+"""Pieces that are read at once: a vehicle says five in a row, and what waits behind may be a flood."""
 MAX_UNSENT_BYTES = 1 << 16
 """A stream with more unsent bytes gets nothing until it has caught up: old commands are worse than none."""
 TCP_GIVE_UP_MS = 5000
@@ -145,9 +145,9 @@ class MavlinkLink:
             return wire
         raise failed
 
-    def read(self) -> None:
-        """Stamp and pass on all that waits, at most MOST_READ pieces."""
-        for _ in range(MOST_READ):
+    def read(self, most: int = MOST_READ) -> None:
+        """Stamp and pass on what waits, so many pieces at most."""
+        for _ in range(most):
             if self._wire is None:
                 return
             address: tuple[str, int] | None = None
