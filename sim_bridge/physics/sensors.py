@@ -349,36 +349,37 @@ class Sensors:
             + config.depth_white_m * normal()
         )
         climb = -scale * sink + self._climb.value + config.climb_white_m_s * normal()
-        rise = self._rise()
-        accel = self._accelerometer(normal)
-        position = (0.0, 0.0, 0.0, 0.0)
-        if self._errors:
-            seen = self._delayed(config.dvl_delay_s)
-            north, east, _ = ned_velocity(seen)
-            x, y = self._turned(seen[0], seen[1])
-            vx, vy = self._turned(north, east)
-            position = (
-                x + self._north_m + self._position[0].value + config.dvl_white_m * normal(),
-                y + self._east_m + self._position[1].value + config.dvl_white_m * normal(),
-                vx + config.dvl_white_m * normal(),
-                vy + config.dvl_white_m * normal(),
-            )
         return Estimate(
-            roll,
-            pitch,
-            math.remainder(yaw + self._turned_rad, math.tau),
-            rollspeed,
-            pitchspeed,
-            yawspeed,
-            depth + self._relative_offset,
-            climb,
-            -depth + self._altitude_offset,
-            -self._raw_depth / specific_gravity + self._raw_offset,
-            SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
-            accel,
-            position,
-            self._rangefinder.range_m,
-            rise,
+            roll=roll,
+            pitch=pitch,
+            yaw=math.remainder(yaw + self._turned_rad, math.tau),
+            rollspeed=rollspeed,
+            pitchspeed=pitchspeed,
+            yawspeed=yawspeed,
+            depth_m=depth + self._relative_offset,
+            climb_m_s=climb,
+            altitude_m=-depth + self._altitude_offset,
+            raw_altitude_m=-self._raw_depth / specific_gravity + self._raw_offset,
+            pressure_hpa=SURFACE_PRESSURE_HPA + PA_PER_M * self._raw_depth / 100.0,
+            accel=self._accelerometer(normal),
+            position=self._place(normal),
+            range_m=self._rangefinder.range_m,
+            rise_m_s2=self._rise(),
+        )
+
+    def _place(self, normal: Callable[[], float]) -> tuple[float, float, float, float]:
+        """x, y, vx, vy as measured."""
+        if not self._errors:
+            return 0.0, 0.0, 0.0, 0.0
+        white, seen = self._config.dvl_white_m, self._delayed(self._config.dvl_delay_s)
+        north, east, _ = ned_velocity(seen)
+        x, y = self._turned(seen[0], seen[1])
+        vx, vy = self._turned(north, east)
+        return (
+            x + self._north_m + self._position[0].value + white * normal(),
+            y + self._east_m + self._position[1].value + white * normal(),
+            vx + white * normal(),
+            vy + white * normal(),
         )
 
     def _rise(self) -> float:
