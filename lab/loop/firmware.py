@@ -285,10 +285,6 @@ class Firmware:
             raise ValueError(f"the firmware has links 1 to {CONSOLE - 1}, not {link}")
         self._opened.add(link)
 
-    def close_link(self, link: int) -> None:
-        """Forget a link; the firmware goes on talking there."""
-        self._opened.discard(link)
-
     def inject(self, fault: Fault) -> None:
         """Add a fault to the script. Raises ValueError for one that cannot be done to this firmware."""
         _refuse(fault)
