@@ -56,6 +56,7 @@ REPLACED = {
     "foxglove": "`holdfast record`: Foxglove opens its MCAP files",
     "fault": "`holdfast sim --fault KIND,at_s=30`",
     "keys": "the recipe of docs/telemetry.md for openssl",
+    "completion": "`holdfast --print-completion SHELL`",
 }
 """Commands of the version before, and what took their place."""
 
@@ -137,6 +138,8 @@ def _dispatch(arguments: list[str], command: str) -> int:
 
         sys.stdout.write(about())
         return DONE
+    if command == "--print-completion":
+        _print_completion(commands, arguments)
     if command in ("lab", "lab -h", "lab --help"):
         sys.stdout.write(f"{LAB}\n\n{_help(commands, [name for name in commands if name not in PILOT])}\n")
         return DONE
@@ -150,6 +153,21 @@ def _dispatch(arguments: list[str], command: str) -> int:
         return REFUSED
     status: int = commands[command].load()(arguments[len(command.split()) :])
     return status
+
+
+def _print_completion(commands: dict[str, EntryPoint], arguments: list[str]) -> NoReturn:
+    """Print what makes a shell complete commands, and end."""
+    import argparse
+
+    import shtab
+
+    parser = argparse.ArgumentParser(prog="holdfast")
+    names = parser.add_subparsers()
+    for name in PILOT:
+        names.add_parser(name, help=summary(commands[name]), add_help=False)
+    shtab.add_argument_to(parser)
+    parser.parse_args(arguments)
+    raise AssertionError("shtab ends the process")
 
 
 def _say(command: str, what: str) -> None:

@@ -262,3 +262,14 @@ def test_neutral_is_claimed_of_a_vehicle_that_was_heard_alone():
     assert parting(steering=True, silent=False) == "the vehicle was left neutral"
     assert "not heard" in parting(steering=True, silent=True)
     assert parting(steering=False, silent=True) == "it was not steering"
+
+
+def test_bash_completes_commands_and_starts_nothing():
+    command = [sys.executable, "-m", "holdfast", "--print-completion", "bash"]
+    script = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    asked = f"""{script}
+        COMP_WORDS=(holdfast reco); COMP_CWORD=1
+        PATH=; _shtab_holdfast; printf "%s\n" "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash"], input=asked, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["record"]
