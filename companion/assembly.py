@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from msgspec.structs import asdict
@@ -12,7 +13,7 @@ from companion.core import allocation, oscillation, reference, thruster_watch
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
-from companion.core.compensator import BESIDE_OBSERVER, NO_COMPENSATOR, ChosenCompensator
+from companion.core.compensator import BESIDE_OBSERVER, INPUTS, NO_COMPENSATOR, ChosenCompensator, Inputs
 from companion.core.controller import Control
 from companion.core.law import ChosenLaw
 from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
@@ -224,13 +225,21 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     if not name:
         return NO_COMPENSATOR, 0.0
     functions = known[name]
-    shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis)}
+    V = hidden_layer(config.network.seed, config.network.units)
+    shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis), "hidden": V}
     values = asdict(axis) | shared | config.compensators.get(name, {})
     parameters = parameters_of(functions, values, name)
     chosen = ChosenCompensator(
         functions.initial, functions.step, functions.seed, functions.weight_norm, parameters
     )
     return chosen, functions.integral_gain(parameters)
+
+
+@cache
+def hidden_layer(seed: int, units: int) -> tuple[Inputs, ...]:
+    """Return V(0) of the network, a column a unit, each N(0, 1)."""
+    columns = np.random.default_rng(seed).standard_normal((INPUTS, units)).T.tolist()
+    return tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
 
 
 def law(config: Config, axis: AxisSection) -> ChosenLaw:

@@ -91,6 +91,8 @@ class Place(NamedTuple):
     m: Vector
     k_plus_h: Vector
     orders: Orders
+    free: Flags
+    """The law is in force, and got what it asked for."""
 
 
 NO_SIGNALS = Signals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -132,7 +134,10 @@ def step(
     if at.orders.idle[i]:
         return idle(i, axis, memory, at, dt_s)
     desired, gains = aimed
-    signals = errors(axis, desired, at.ahead.eta[i], at.ahead.eta_dot[i], gains.lam)
+    x, x_dot = at.ahead.eta[i], at.ahead.eta_dot[i]
+    e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
+    e_dot = x_dot - desired.x_d_dot
+    signals = Signals(e, e_dot, e_dot + gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
     learnt, mean_d, d_hat, adapting = disturbance(i, axis, memory, signals, gains, at, dt_s)
     law, terms = axis.law.step(axis.law.parameters, memory.law, moved(i, signals, gains, d_hat, at), dt_s)
     bias = memory.bias * math.exp(-dt_s / BLEND_S)
@@ -154,13 +159,6 @@ def step(
     return memory, sampled(i, axis, memory, signals, terms, tau, adapting, at)
 
 
-def errors(axis: Axis, desired: reference.State, x: float, x_dot: float, lam: float) -> Signals:
-    """Return e, ė and ε (eq. 2); an angle's error is within half a turn."""
-    e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
-    e_dot = x_dot - desired.x_d_dot
-    return Signals(e, e_dot, e_dot + lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
-
-
 def disturbance(
     i: int,
     axis: Axis,
@@ -175,7 +173,7 @@ def disturbance(
     d = observed(axis, at.ahead.disturbance[i])
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
-    learns, learn_s = at.orders.learns and is_free(i, at.orders), gains.learning / at.gain[i] * dt_s
+    learns, learn_s = at.orders.learns and at.free[i], gains.learning / at.gain[i] * dt_s
     learnt, found, adapting = compensator.step(compensator.parameters, learnt, signals, learn_s, learns)
     mean_d = mean_disturbance(memory.mean_d, d + found, dt_s)
     return learnt, mean_d, scaled_disturbance(mean_d, d + found, gains.d_share), adapting
@@ -184,11 +182,6 @@ def disturbance(
 def observed(axis: Axis, d_observer: float) -> float:
     """Return the observer's d where it is fed back."""
     return limited(d_observer, axis.max_disturbance) if axis.by_observer else 0.0
-
-
-def is_free(i: int, orders: Orders) -> bool:
-    """Tell whether the law is in force, and got what it asked for."""
-    return orders.engaged[i] and not orders.saturated[i]
 
 
 def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Place) -> Motion:
@@ -204,7 +197,7 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
         lam=gains.lam,
         kappa=gains.kappa,
         share=gains.share,
-        free=is_free(i, at.orders),
+        free=at.free[i],
     )
 
 
@@ -231,11 +224,11 @@ def sampled(
     x, d_hat, d_observer = desired.x_d, 0.0, 0.0
     if not at.orders.idle[i]:
         x, d_hat, d_observer = at.ahead.eta[i], memory.d_hat, at.ahead.disturbance[i]
-    return DofSample(
-        x_d=desired.x_d,
-        x_d_dot=desired.x_d_dot,
-        x_d_ddot=desired.x_d_ddot,
-        x=x,
+    return DofSample(  # Python takes up to thirty arguments quickly, and counts a keyword twice
+        desired.x_d,
+        desired.x_d_dot,
+        desired.x_d_ddot,
+        x,
         x_dot=signals.x_dot,
         e=signals.e,
         e_dot=signals.e_dot,

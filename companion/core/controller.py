@@ -8,7 +8,7 @@ from companion.core.axis import Ahead, Axis, AxisMemory, Orders, Place, Sample
 from companion.core.bounds import clamped
 from companion.core.four import each_of_two
 from companion.core.positioning import Jacobian, Model, coriolis_and_damping, inertia, to_body
-from companion.records import PSI, Flags, Setpoint, Vector, X, Y, Z
+from companion.records import PSI, Flags, Setpoint, Vector, X, Y, Z, without
 
 Axes4 = tuple[Axis, Axis, Axis, Axis]
 Memories = tuple[AxisMemory, AxisMemory, AxisMemory, AxisMemory]
@@ -87,6 +87,7 @@ def step(
         m=inertia(control.model, J),
         k_plus_h=coriolis_and_damping(control.model, J, nu),
         orders=orders,
+        free=without(orders.engaged, orders.saturated),
     )
     of_x, sample_x = axis.step(X, x, of_x, aims[X], at, dt_s)
     of_y, sample_y = axis.step(Y, y, of_y, aims[Y], at, dt_s)

@@ -18,19 +18,16 @@ would integrate the same error, and the sum is slower to follow a wave.
 | ℓ      | leak_per_s               | 1/s                                        |
 |        | dead_zone                | m/s; rad/s of ε                            |
 | d_max  | max_disturbance          | N; N·m                                     |
-| V(0)   | network.units, .seed     | a column a unit, each N(0, 1)              |
+| V(0)   | network.units, .seed     | `hidden`: a column a unit, each N(0, 1)    |
 | θ      |                          | `compensator.inputs`                       |
 """
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from companion.core.bounds import limited, square_root
-from companion.core.compensator import BESIDE_OBSERVER, INPUTS, Inputs, Signals, dead_zone_error, inputs
+from companion.core.compensator import BESIDE_OBSERVER, Inputs, Signals, dead_zone_error, inputs
 
 AT_REST: Inputs = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SATURATED = 40.0
@@ -56,27 +53,11 @@ class State(NamedTuple):
     V: list[Inputs]
 
 
-def parameters(values: Mapping[str, float]) -> Parameters:
-    """Return parameters with V(0) drawn from `seed`, the same on every axis."""
-    units = int(values["units"])
-    V = drawn(int(values["seed"]), units)
-    beside = bool(values.get(BESIDE_OBSERVER, 0.0))
-    return Parameters(
-        values["learning_rate"],
-        values["hidden_learning_rate"],
-        values["leak_per_s"],
-        values["dead_zone"],
-        values["max_disturbance"],
-        V,
-        tuple(hidden(V, AT_REST)) if beside else (0.0,) * units,
-    )
-
-
-@functools.lru_cache(maxsize=8)
-def drawn(seed: int, units: int) -> tuple[Inputs, ...]:
-    """Return V(0); a change of gains asks for it ten times."""
-    columns = np.random.default_rng(seed).standard_normal((INPUTS, units)).T.tolist()
-    return tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
+def parameters(values: Mapping[str, Any]) -> Parameters:
+    """Return parameters with V(0) = `hidden`, the same on every axis."""
+    V, beside = values["hidden"], values.get(BESIDE_OBSERVER, False)
+    own = {name: values[name] for name in Parameters._fields if name != "rest"}
+    return Parameters(**own, rest=tuple(sigmoid(V, AT_REST)) if beside else (0.0,) * len(V))
 
 
 def initial(parameters: Parameters) -> State:
@@ -95,32 +76,26 @@ def step(
 def learnt(
     parameters: Parameters, state: State, theta: Inputs, eps: float, learn_s: float, adapt: bool
 ) -> tuple[State, float, bool]:
-    """Return what `step` does, for any inputs θ."""
-    sigma = hidden(state.V, theta)
-    phi = less(sigma, parameters.rest)
-    d_hat = dot(state.W, phi)
-    d_max = parameters.max_disturbance
-    learning, error = dead_zone_error(d_hat, eps, adapt, parameters.dead_zone, d_max)
+    """Return what `step` does, for any inputs θ: eq. ann."""
+    eta, eta_V, leak, dead_zone, d_max, V_0, rest = parameters
+    W, V = state
+    sigma = sigmoid(V, theta)
+    phi = [sigma[j] - rest[j] for j in range(len(sigma))]
+    learning, error = dead_zone_error(dot(W, phi), eps, adapt, dead_zone, d_max)
     if learning:
-        keep = 1.0 - learn_s * parameters.leak_per_s
-        V = state.V
-        if parameters.hidden_learning_rate > 0.0:
-            pull = learn_s * parameters.hidden_learning_rate * error
-            V = [
-                back_propagated(V[j], parameters.hidden[j], keep, pull * slope(state.W[j], sigma[j]), theta)
-                for j in range(len(sigma))
-            ]
-        gain = learn_s * parameters.learning_rate * error
-        state = State([keep * state.W[j] - gain * phi[j] for j in range(len(phi))], V)
-        d_hat = dot(state.W, phi)
-    return state, limited(d_hat, d_max), learning
+        keep, gain, gain_V = 1.0 - learn_s * leak, learn_s * eta * error, learn_s * eta_V * error
+        if eta_V > 0.0:
+            pull = [gain_V * (W[j] * sigma[j] * (1.0 - sigma[j])) for j in range(len(W))]
+            V = [back_propagated(V[j], V_0[j], keep, pull[j], theta) for j in range(len(V))]
+        W = [keep * W[j] - gain * phi[j] for j in range(len(W))]
+    return State(W, V), limited(dot(W, phi), d_max), learning
 
 
 def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
     """Answer these signals with `d_hat`, by the smallest change of W; beside the observer stay as it is."""
     if parameters.rest[0] > 0.0:
         return state
-    sigma = hidden(state.V, inputs(signals))
+    sigma = sigmoid(state.V, inputs(signals))
     missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, sigma)) / dot(sigma, sigma)
     return State([state.W[j] + missing * sigma[j] for j in range(len(sigma))], state.V)
 
@@ -135,16 +110,11 @@ def integral_gain(parameters: Parameters) -> float:
     return 0.25 * len(parameters.hidden) * parameters.learning_rate
 
 
-def hidden(V: Sequence[Inputs], theta: Inputs) -> list[float]:
+def sigmoid(V: Sequence[Inputs], theta: Inputs) -> list[float]:
     """Return σ(Vᵀ θ)."""
     a, b, c, d, e, f = theta
     summed = [v[0] * a + v[1] * b + v[2] * c + v[3] * d + v[4] * e + v[5] * f for v in V]
     return [1.0 / (1.0 + math.exp(-x if not x < -SATURATED else SATURATED)) for x in summed]
-
-
-def less(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """Return a − b."""
-    return [a[i] - b[i] for i in range(len(a))]
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
@@ -153,11 +123,6 @@ def dot(a: Sequence[float], b: Sequence[float]) -> float:
     for i in range(len(a)):
         total += a[i] * b[i]
     return total
-
-
-def slope(w: float, sigma: float) -> float:
-    """Return w σ', with σ' = σ (1 − σ)."""
-    return w * sigma * (1.0 - sigma)
 
 
 def back_propagated(v: Inputs, v_0: Inputs, keep: float, pull: float, theta: Inputs) -> Inputs:

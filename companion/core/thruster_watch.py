@@ -209,8 +209,21 @@ def step(
         _eased(slow[3], turning[3], new),
         _eased(slow[4], turning[4], new),
     )
-    state = state._replace(lagged=across + upright, pushes=horizontal + vertical, slow=slow)
-    return judged(summed(parameters, state, turning, levers, dt_s), levers, dt_s)
+    bias, seen_across, seen_upright = summed(
+        parameters, state, horizontal, vertical, slow, turning, levers, dt_s
+    )
+    suspect, dead, excused_s = judged(state, seen_across, seen_upright, levers, dt_s)
+    return State(
+        lagged=across + upright,
+        pushes=horizontal + vertical,
+        slow=slow,
+        bias=bias,
+        across=seen_across,
+        upright=seen_upright,
+        suspect=suspect,
+        dead=dead,
+        excused_s=excused_s,
+    )
 
 
 def _eased(before: float, now: float, new: float) -> float:
@@ -222,11 +235,20 @@ def _acting(before: float, demand: float, strength: float, new: float) -> float:
     return before + (interpolated(demand, PUSH) * strength - before) * new
 
 
-def summed(parameters: Parameters, state: State, turning: Turning, levers: Levers, dt_s: float) -> State:
-    """Take the moments and how the vehicle turned into the means."""
+def summed(
+    parameters: Parameters,
+    state: State,
+    horizontal: Four,
+    vertical: Four,
+    slow: Turning,
+    turning: Turning,
+    levers: Levers,
+    dt_s: float,
+) -> tuple[Three, Shown, Shown]:
+    """Return the bias and the means after the pushes of this tick, and how the vehicle turned."""
     across, upright = parameters.thrusters.horizontal, parameters.thrusters.vertical
-    horizontal, vertical, bias = state.pushes[:4], state.pushes[4:], state.bias
-    slow_roll, slow_pitch, slow_p, slow_q, slow_r = state.slow
+    slow_roll, slow_pitch, slow_p, slow_q, slow_r = slow
+    bias = state.bias
     y_roll = parameters.roll_inertia * (turning[2] - slow_p) / SLOW_S
     y_pitch = parameters.pitch_inertia * (turning[3] - slow_q) / SLOW_S
     y_yaw = parameters.yaw_inertia * (turning[4] - slow_r) / SLOW_S
@@ -246,16 +268,9 @@ def summed(parameters: Parameters, state: State, turning: Turning, levers: Lever
     roll = _mean(state.upright.first, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
     pitch = _mean(state.upright.second, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
     slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
-    return state._replace(
-        bias=(bias[0] + slowly * K[0], bias[1] + slowly * M[0], bias[2] + slowly * N[0]),
-        across=Shown(yaw, tipped, 1.0),
-        upright=Shown(roll, pitch, _weight(upright)),
-    )
-
-
-def _weight(upright: Group) -> float:
-    """Return the weight of pitch: 0 where the frame cannot pitch."""
-    return 1.0 if upright.shares[2] > 0.0 else 0.0
+    bias = (bias[0] + slowly * K[0], bias[1] + slowly * M[0], bias[2] + slowly * N[0])
+    pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
+    return bias, Shown(yaw, tipped, 1.0), Shown(roll, pitch, pitches)
 
 
 def _tipped(y: float, y_all: float, K: float, lever_m: float) -> float:
@@ -308,21 +323,23 @@ def _products(before: Five, v: Five, other: float, keep: float) -> Five:
     )
 
 
-def judged(state: State, levers: Levers, dt_s: float) -> State:
+def judged(
+    state: State, across: Shown, upright: Shown, levers: Levers, dt_s: float
+) -> tuple[Suspect, int, float]:
     """Suspect a motor, or doubt that the dead one pushes nothing; after HOLDS_S believe it."""
     dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
     motor = 0
     if excused_s == 0.0 and dead == 0:
-        motor = _suspected(state.across, state.upright, levers)
+        motor = _suspected(across, upright, levers)
     elif excused_s == 0.0:
-        group = state.upright if dead > HORIZONTAL else state.across
+        group = upright if dead > HORIZONTAL else across
         motor = dead if _given_up(group, dead - HORIZONTAL if dead > HORIZONTAL else dead) else 0
     same = motor > 0 and motor == state.suspect.motor
     suspect = Suspect(motor, state.suspect.lasts_s + dt_s if same else 0.0)
     if suspect.lasts_s >= HOLDS_S:
         excused_s = EXCUSED_S if dead > 0 else 0.0
         dead, suspect = 0 if dead > 0 else motor, NOBODY
-    return state._replace(suspect=suspect, dead=dead, excused_s=excused_s)
+    return suspect, dead, excused_s
 
 
 def _suspected(across: Shown, upright: Shown, levers: Levers) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from learner import hidden
 
 from companion.core import network
 from companion.core.compensator import BESIDE_OBSERVER, Signals, inputs
@@ -122,7 +123,7 @@ class Networks:
 
     def __init__(self, s, eta_v, d_max, seed, beside=False):
         self._parameters = np.ascontiguousarray(np.stack((s.eta, eta_v, s.leak, s.dead_zone, d_max)).T)
-        values = dict.fromkeys(NetworkParameters._fields, 0.0) | {"units": UNITS, "seed": seed}
+        values = dict.fromkeys(NetworkParameters._fields, 0.0) | {"hidden": hidden(UNITS, seed)}
         parameters = network.parameters(values | {BESIDE_OBSERVER: beside})
         self.V_start, self.rest = np.array(parameters.hidden), np.array(parameters.rest)
         self.weights, self._V = np.zeros((DIVES, UNITS)), np.tile(self.V_start, (DIVES, 1, 1))

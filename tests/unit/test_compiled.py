@@ -5,12 +5,13 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import pytest
 
-from companion import assembly
+from companion import assembly, core
 from companion.config import load_config
 from companion.core import bounds as subject_of_modules
 from companion.core import integrator, regressor
@@ -168,17 +169,33 @@ def functions_of(tree):
 
 def test_nothing_in_the_core_rounds_otherwise_when_it_is_compiled():
     """A power of a whole number, `hypot`, `pow` and a sum of floats do; fractional powers do not."""
-    core: set[Any] = set()
+    functions: set[Any] = set()
     for chosen in {observe, control, confirm} | functions_of(assembly.parameters(load_config())):
-        called_by(chosen, core)
-    assert len(core) > 150
-    for function in core:
+        called_by(chosen, functions)
+    assert len(functions) > 150
+    for function in functions:
         for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function)))):
             where = f"{function.__module__}.{function.__qualname__}"
             if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
                 assert isinstance(node.right, ast.Name), f"{where}: a product instead of a power"
             if isinstance(node, ast.Call):
                 assert ast.unparse(node.func) not in ("sum", "pow", "math.hypot", "math.fsum"), where
+
+
+MAY_IMPORT = ("math", "typing", "collections.abc", "companion.core", "companion.records")
+
+
+@pytest.mark.parametrize("file", sorted(Path(core.__file__).parent.glob("*.py")), ids=lambda file: file.stem)
+def test_a_file_of_the_core_holds_equations_alone(file):
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            assert all(name.name in MAY_IMPORT for name in node.names), ast.unparse(node)
+        if isinstance(node, ast.ImportFrom):
+            assert node.module in MAY_IMPORT or str(node.module).startswith("companion.core."), ast.unparse(
+                node
+            )
+        if isinstance(node, ast.ClassDef):
+            assert "NamedTuple" in map(ast.unparse, node.bases), node.name
 
 
 def flat(result):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from learner import Learner, drawn, still
+from learner import Learner, drawn, hidden, still
 
+from companion.assembly import hidden_layer
 from companion.core import network
 from companion.core.compensator import INPUTS, Signals, inputs
 from companion.core.law import rov_law
@@ -12,9 +13,9 @@ DT = 0.02
 UNITS = 10
 
 
-def net_of(seed=1, **changes):
+def net_of(seed=1, units=UNITS, **changes):
     values = {"learning_rate": 160.0, "hidden_learning_rate": 0.0, "max_disturbance": 60.0}
-    values |= {"leak_per_s": 0.0, "dead_zone": 0.0, "units": UNITS, "seed": seed}
+    values |= {"leak_per_s": 0.0, "dead_zone": 0.0, "hidden": hidden(units, seed)}
     return Learner(network, **network.parameters(values | changes)._asdict())
 
 
@@ -168,9 +169,8 @@ def test_a_step_leaves_the_state_before_it_as_it_was():
 
 
 def test_seeds_make_the_hidden_layer():
-    assert net_of(seed=3).parameters == net_of(seed=3).parameters
-    assert net_of(seed=3).parameters.hidden != net_of(seed=4).parameters.hidden
-    assert len(net_of(units=7).parameters.hidden) == 7
+    assert hidden_layer(3, 7) == hidden(7, 3) != hidden_layer(4, 7)
+    assert len(hidden_layer(3, 7)) == 7
 
 
 def test_huge_inputs_saturate_and_do_not_overflow():

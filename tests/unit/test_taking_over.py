@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from alone import HOLDS, TICK_S
-from learner import Learner, drawn
+from learner import Learner, drawn, hidden
 from msgspec.structs import replace
 from test_controller import at_rest, state, tick
 
@@ -85,7 +85,7 @@ def test_frozen_nothing_is_learnt():
 
 def one_of(kind):
     values = {"learning_rate": 5.0, "hidden_learning_rate": 1.0, "leak_per_s": 0.002, "dead_zone": 0.0}
-    values |= {"max_disturbance": 20.0, "units": 10, "seed": 1, BESIDE_OBSERVER: False}
+    values |= {"max_disturbance": 20.0, "hidden": hidden(10), BESIDE_OBSERVER: False}
     if kind == "network":
         return Learner(network, **network.parameters(values)._asdict())
     module = {"regressor": regressor, "integrator": integrator}[kind]
