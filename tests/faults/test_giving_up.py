@@ -198,7 +198,7 @@ def test_refused_is_a_fault_and_silence():
     assert dive.motors_rest()
 
 
-@pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (SURFACE, 5.0), (1, 0.3), (1, 1.5), (1, 5.0)])
+@pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (SURFACE, 5.0), (MANUAL, 1.5), (MANUAL, 5.0)])
 def test_somebody_elses_mode_ends_it(mode, after_s):
     """SURFACE before any heartbeat told of the leak's failsafe looks like that failsafe's own doing."""
     dive = handing_over()

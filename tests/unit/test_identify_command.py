@@ -13,11 +13,11 @@ def driven(monkeypatch, tmp_path):
     def run(drive, *arguments):
         monkeypatch.chdir(tmp_path)
 
-        def identify(config, manoeuvre, *, arm):
+        def identify(config, setpoint, *, arm, requests, manoeuvre):
             drive(manoeuvre)
             return 0
 
-        monkeypatch.setattr(app, "identify", identify)
+        monkeypatch.setattr(app, "run", identify)
         return holdfast.main(["identify", *arguments])
 
     return run
