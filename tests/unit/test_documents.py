@@ -124,3 +124,29 @@ def test_troubleshooting_names_conditions():
     named = re.findall(r"^\| ([A-Z ]+) \|", part, re.MULTILINE)
     assert len(named) > 8
     assert set(named) <= {title(condition.name or "") for condition in Condition}
+
+
+def test_the_picture_of_the_loop_is_the_code_of_the_tick():
+    """The calls of `Engine.step` in their order; engine or assembly imports each file."""
+    picture = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    drawn = re.findall(r"^  (\w+) +([\w/]+)\.py  ", picture, re.MULTILINE)
+    engine, assembly = (
+        ast.parse((ROOT / "companion" / name).read_text(encoding="utf-8"))
+        for name in ("engine.py", "assembly.py")
+    )
+    imported = {
+        f"{node.module}{name}"
+        for node in (*ast.walk(engine), *ast.walk(assembly))
+        if isinstance(node, ast.ImportFrom)
+        for name in ("", *(f".{alias.name}" for alias in node.names))
+    }
+    (step,) = (node for node in ast.walk(engine) if isinstance(node, ast.FunctionDef) and node.name == "step")
+    calls = sorted(
+        (node.func.lineno, node.func.attr.lstrip("_"))
+        for node in ast.walk(step)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+    )
+    names = [name for name, _ in drawn]
+    assert len(names) == 9
+    assert [name for _, name in calls if name in names] == names
+    assert all(f"companion.{file.replace('/', '.')}" in imported for _, file in drawn)
