@@ -41,7 +41,7 @@ DONE, FAILED, REFUSED, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 
 
 PILOT = (
-    "demo", "sim", "init", "config", "check", "run", "identify", "watch", "dashboard",
+    "demo", "sim", "fault", "init", "config", "check", "run", "identify", "watch", "dashboard",
     "engage", "release", "hold", "goto", "follow", "tell", "record", "replay", "report", "install",
 )  # fmt: skip
 """The commands in the order in which a pilot meets them; others are under `holdfast lab`."""
@@ -54,7 +54,6 @@ REPLACED = {
     "recover": "`holdfast record --repair`",
     "uninstall": "`holdfast install --remove`",
     "foxglove": "`holdfast record`: Foxglove opens its MCAP files",
-    "fault": "`holdfast sim --fault KIND,at_s=30`",
     "keys": "the recipe of docs/telemetry.md for openssl",
     "completion": "`holdfast --print-completion SHELL`",
 }

@@ -10,13 +10,17 @@ import itertools
 import logging
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import cast
 
+from msgspec.structs import replace
+
 from holdfast import port_taken
 from sim_bridge.config import SimConfig
+from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
@@ -51,6 +55,8 @@ class Settings:
     speed: float
     physics: Endpoint | None = None
     """Where the real firmware sends its frames; then there is no vehicle of ours, and no other endpoint."""
+    live_faults: bool = False
+    """Whether everybody on Zenoh may break the vehicle."""
 
 
 class Links:
@@ -161,6 +167,7 @@ class _TcpClient(asyncio.Protocol):
 async def _pace(
     vehicle: Vehicle,
     links: Links,
+    asked: deque[Fault],
     publish: Callable[[Truth], None] | None,
     speed: float,
     stop: asyncio.Event,
@@ -170,6 +177,10 @@ async def _pace(
     period_s = vehicle.step_s / speed
     due_s = clock()
     for count in itertools.count(1):
+        while asked:
+            fault = asked.popleft()
+            LOG.info("fault: %s in %g s", fault.kind, fault.at_s)
+            vehicle.inject(replace(fault, at_s=vehicle.time_s + fault.at_s))
         inbox, links.inbox = links.inbox, []
         links.send(vehicle.step(inbox))
         if publish and count % TRUTH_PERIOD_STEPS == 0:
@@ -182,10 +193,12 @@ async def _pace(
             return
 
 
-def _publisher(stack: contextlib.AsyncExitStack, settings: Settings) -> Callable[[Truth], None] | None:
+def _publisher(
+    stack: contextlib.AsyncExitStack, settings: Settings, take: Callable[[Fault], None] | None = None
+) -> Callable[[Truth], None] | None:
     if not settings.zenoh:
         return None
-    link = ZenohLink(settings.zenoh, settings.vehicle)
+    link = ZenohLink(settings.zenoh, settings.vehicle, take)
     stack.callback(link.close)
     return link.put
 
@@ -234,7 +247,9 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
                 partial(_UdpCaller, links, endpoint), remote_addr=endpoint
             )
             stack.callback(caller.close)
-        await _pace(vehicle, links, _publisher(stack, settings), settings.speed, stop)
+        asked: deque[Fault] = deque(maxlen=MAX_INBOX)
+        publish = _publisher(stack, settings, asked.append if settings.live_faults else None)
+        await _pace(vehicle, links, asked, publish, settings.speed, stop)
 
 
 class _Physics(_Udp):

@@ -1,4 +1,4 @@
-"""`holdfast sim`. Nothing heavy is imported before one is called."""
+"""`holdfast sim` and `holdfast fault`. Nothing heavy is imported before one is called."""
 
 import argparse
 import sys
@@ -18,14 +18,37 @@ examples:
   holdfast sim --set waves.enabled=true --set sensors.depth_scale=1.025
   holdfast sim --fault message_frozen,message=ATTITUDE,at_s=30,duration_s=5 --fault leak,at_s=60
   holdfast sim --list                             vehicles, dives and kinds of faults, a line each
+  holdfast sim --live-faults                      and, from another terminal:
+  holdfast fault thruster,thruster=3,value=0.2,duration_s=20
   holdfast sim --vehicle bluerov2 --name kelp     beside holdfast run --vehicle bluerov2 --name kelp
   holdfast sim --physics-only                     physics for ArduSub's own simulator, started with `--model
                                                   JSON:127.0.0.1`, which sends to udp 127.0.0.1:9002
 
 Endpoints may be repeated; if any is given, the default ones are not opened. The true state is published on
-the Zenoh key sim/NAME/truth, which no companion reads. The times of a load count from the first arming (with
---physics-only from the first motion of a motor), of faults from the start.
+the Zenoh key sim/NAME/truth, which no companion reads. With --live-faults the simulator takes faults on
+sim/NAME/fault, from everybody who reaches its Zenoh endpoint; without it, from nobody. The times of a load
+count from the first arming (with --physics-only from the first motion of a motor), of faults from the start,
+of `holdfast fault` from their arrival.
 """
+
+FAULT_EXAMPLES = """\
+examples:
+  holdfast fault thruster,thruster=3,value=0.2,duration_s=20    a fifth of its thrust is left
+  holdfast fault leak --name kelp                               to the simulator of this name
+  holdfast fault clear                                          all faults end
+Exit status: 0 it begins, 1 no simulator takes faults there.
+"""
+
+ZENOH: dict[str, tuple[str, dict[str, Any]]] = {
+    "--zenoh": (
+        "Zenoh router or peer (default: %(default)s)",
+        {"metavar": "ENDPOINT", "default": "tcp/127.0.0.1:7447"},
+    ),
+    "--name": (
+        "name in the Zenoh key, as `holdfast run --name` (default: %(default)s)",
+        {"metavar": "NAME", "default": "bluerov2"},
+    ),
+}
 
 
 def sim(argv: list[str]) -> int:
@@ -44,6 +67,9 @@ def sim(argv: list[str]) -> int:
 
     config = load_config(arguments.config, arguments.set)
     config = replace(config, faults=(*config.faults, *arguments.fault))
+    if arguments.live_faults and (arguments.no_zenoh or arguments.physics_only):
+        sys.stderr.write("holdfast sim: --live-faults needs Zenoh, and our own vehicle\n")
+        return 2
     named = arguments.udp_connect or arguments.udp_listen or arguments.tcp
     if arguments.physics_only and (named or arguments.speed != 1.0 or config.faults):
         sys.stderr.write(
@@ -59,8 +85,25 @@ def sim(argv: list[str]) -> int:
         vehicle=arguments.name,
         speed=arguments.speed,
         physics=arguments.physics_only,
+        live_faults=arguments.live_faults,
     )
     return run(config, arguments.seed, settings)
+
+
+def fault(argv: list[str]) -> int:
+    """Break something in a running simulator, and see what happens."""
+    about = "Sends a fault to `holdfast sim --live-faults`. No real vehicle can take one."
+    parser = command_parser("fault", about, FAULT_EXAMPLES)
+    said = "`holdfast sim --list` names the kinds"
+    parser.add_argument("fault", metavar="KIND[,KEY=VALUE...]", type=_fault, help=said)
+    for name, (said, how) in ZENOH.items():
+        parser.add_argument(name, help=said, **how)
+    arguments = parser.parse_args(argv)
+    from sim_bridge.zenoh_link import inject
+
+    reply = inject(arguments.zenoh, arguments.name, arguments.fault)
+    sys.stdout.write(f"{reply.said}\n")
+    return 0 if reply.done else 1
 
 
 def _sim_parser() -> argparse.ArgumentParser:
@@ -75,6 +118,10 @@ def _sim_parser() -> argparse.ArgumentParser:
         "--tcp": ("listen for TCP clients", endpoint | several),
         "--set": ("override a key of the configuration; VALUE is TOML", {"metavar": "KEY=VALUE"} | several),
         "--fault": ("add a fault to those of the configuration; --list names the kinds", fault | several),
+        "--live-faults": (
+            "take faults over Zenoh while it runs, from everybody at the endpoint",
+            {"action": "store_true"},
+        ),
         "--list": ("list vehicles, dives and kinds of faults, and end", {"action": "store_true"}),
         "--seed": (
             "random seed of sea and noise (default: %(default)s)",
@@ -84,14 +131,7 @@ def _sim_parser() -> argparse.ArgumentParser:
             "speed relative to real time (default: %(default)s)",
             {"metavar": "X", "type": _speed, "default": 1.0},
         ),
-        "--zenoh": (
-            "Zenoh router or peer (default: %(default)s)",
-            {"metavar": "ENDPOINT", "default": "tcp/127.0.0.1:7447"},
-        ),
-        "--name": (
-            "name in the Zenoh key, as `holdfast run --name` (default: %(default)s)",
-            {"metavar": "NAME", "default": "bluerov2"},
-        ),
+        **ZENOH,
         "--no-zenoh": ("do not publish the true state", {"action": "store_true"}),
         "--physics-only": (
             "serve as external physics for the real ArduSub (JSON backend) at this address (default: "
@@ -110,8 +150,7 @@ def _sim_parser() -> argparse.ArgumentParser:
         default=DEFAULT_CONFIG,
         help=said,
     )
-    for gone in ("--inject", "--live-faults"):
-        removed_option(parser, gone, "--fault breaks something at its time, at_s=30")
+    removed_option(parser, "--inject", "`holdfast fault` sends one")
     return parser
 
 

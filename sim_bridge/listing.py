@@ -13,7 +13,7 @@ def listing(shipped: Mapping[str, Path]) -> str:
     kinds = [(name, _described(kind)) for name, kind in FAULT_KINDS.items()]
     return (
         f"Vehicles and dives, for --vehicle NAME:\n{_table(files)}\n"
-        f"Faults, for --fault KIND,at_s=S,duration_s=S,value=X:\n{_table(kinds)}"
+        f"Faults, for `--fault` and `holdfast fault` KIND,at_s=S,duration_s=S,value=X:\n{_table(kinds)}"
     )
 
 

@@ -1,16 +1,23 @@
-"""The vehicle on Zenoh: `sim/{vehicle}/truth`, a `TruthSample` in JSON, which no companion reads."""
+"""The vehicle on Zenoh: it publishes `sim/{vehicle}/truth`, and may take faults at `sim/{vehicle}/fault`.
+
+Both are JSON: a `TruthSample`, which no companion may read; a `Fault` in a query, answered by a `Reply`.
+"""
 
 import threading
 from collections import deque
+from collections.abc import Callable
 
 import msgspec
 import zenoh
 
 from holdfast import RefusedError
+from sim_bridge.fault_kinds import Fault
+from sim_bridge.faults import checked
 from sim_bridge.physics.plant import Six
 from sim_bridge.vehicle import Truth
 
 RETRY_S = 1.0
+ANSWER_S = 3.0
 MAX_MESSAGE_BYTES = 1 << 16
 SCHEMA = "application/json;holdfast.sim.Truth.v1"
 
@@ -38,6 +45,43 @@ def encode(truth: Truth) -> bytes:
     return msgspec.json.encode(fields, enc_hook=lambda array: array.tolist())
 
 
+class Reply(msgspec.Struct, frozen=True):
+    """The answer to a fault."""
+
+    done: bool
+    """It is on the script now; otherwise nothing was changed."""
+    said: str
+
+
+def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
+    """Take a fault out of a query's payload, whatever the bytes."""
+    try:
+        fault = checked(msgspec.json.decode(payload, type=Fault))
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        return Reply(done=False, said=f"no fault: {error}")
+    take(fault)
+    return Reply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")
+
+
+def inject(endpoint: str, vehicle: str, fault: Fault) -> Reply:
+    """Ask a running simulator for a fault that begins `at_s` from now. Blocks for some seconds at most."""
+    try:
+        session = zenoh.open(client(endpoint))
+    except zenoh.ZError:
+        said = f"nobody listens at {endpoint}: the simulator itself does not; "
+        return Reply(done=False, said=said + "start `holdfast run`, or a router")
+    try:
+        with session:
+            payload = msgspec.json.encode(fault)
+            for reply in session.get(f"sim/{vehicle}/fault", payload=payload, timeout=ANSWER_S):
+                if reply.ok is not None:
+                    return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Reply)
+    except (zenoh.ZError, msgspec.MsgspecError, RecursionError) as error:
+        return Reply(done=False, said=f"{endpoint}: {error}")
+    said = f"no simulator takes faults for '{vehicle}' at {endpoint}; start it with --live-faults"
+    return Reply(done=False, said=said)
+
+
 def client(endpoint: str) -> zenoh.Config:
     """Return the configuration of a client of one endpoint; raise RefusedError for what is none."""
     config = zenoh.Config()
@@ -55,11 +99,15 @@ def client(endpoint: str) -> zenoh.Config:
 class ZenohLink:
     """A client of a Zenoh router or peer in its own thread: retries to connect, drops what it cannot send."""
 
-    def __init__(self, endpoint: str, vehicle: str) -> None:
-        """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background."""
+    def __init__(self, endpoint: str, vehicle: str, take: Callable[[Fault], None] | None = None) -> None:
+        """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background.
+
+        `take` gets each fault that somebody asks for, in a thread of Zenoh's. None: nobody may.
+        """
         client(endpoint)  # refused here, not in the thread
         self._endpoint = endpoint
         self._vehicle = vehicle
+        self._take = take
         self._samples: deque[bytes] = deque(maxlen=4)
         self._wake = threading.Condition()
         self._stopping = False
@@ -94,6 +142,16 @@ class ZenohLink:
             encoding=zenoh.Encoding(SCHEMA),
             congestion_control=zenoh.CongestionControl.DROP,
         )
+        if take := self._take:
+            key = f"sim/{self._vehicle}/fault"
+
+            def on_query(query: zenoh.Query) -> None:
+                with query:
+                    payload = query.payload.to_bytes() if query.payload is not None else b""
+                    reply = msgspec.json.encode(answer(payload, take))
+                    query.reply(key, reply, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+            session.declare_queryable(key, on_query)
         while True:
             with self._wake:
                 self._wake.wait_for(lambda: self._stopping or self._samples)

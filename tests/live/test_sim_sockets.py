@@ -17,7 +17,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from lab.ports import free_port
 from sim_bridge.app import MAX_CATCH_UP_STEPS
-from sim_bridge.zenoh_link import TruthSample
+from sim_bridge.fault_kinds import Fault
+from sim_bridge.zenoh_link import TruthSample, inject
 
 START_S = 15.0
 
@@ -61,6 +62,15 @@ def listen(read, seconds=1.5):
     while time.monotonic() < deadline:
         heard += parser.parse_buffer(read()) or []
     return heard
+
+
+def peer(endpoint):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", "false")
+    return zenoh.open(config)
 
 
 def count(heard, name):
@@ -115,12 +125,7 @@ def test_truth_on_zenoh_whoever_starts_first():
         f"--udp-connect=127.0.0.1:{free_port(socket.SOCK_DGRAM)}", f"--zenoh={endpoint}", "--name=v7"
     ):
         time.sleep(1.0)
-        config = zenoh.Config()
-        config.insert_json5("mode", '"peer"')
-        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/shared_memory/enabled", "false")
-        with zenoh.open(config) as session:
+        with peer(endpoint) as session:
             session.declare_subscriber("sim/v7/truth", lambda sample: samples.append(sample))
             deadline = time.monotonic() + START_S
             while len(samples) < 60 and time.monotonic() < deadline:
@@ -134,6 +139,27 @@ def test_truth_on_zenoh_whoever_starts_first():
     assert list(truth) == list(TruthSample.__struct_fields__)
     assert None not in truth.values()
     assert [len(truth[key]) for key in ("eta", "nu", "tau", "disturbance", "thrust_n")] == [6, 6, 6, 6, 8]
+
+
+def test_faults_are_taken_live_only_where_that_is_allowed():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    unheard = inject(endpoint, "v8", Fault("leak"))
+    assert not unheard.done
+    assert "start `holdfast run`" in unheard.said
+    port, deaf_port = free_port(), free_port()
+    allowed = (f"--tcp=127.0.0.1:{port}", f"--zenoh={endpoint}", "--name=v8", "--live-faults")
+    deaf = (f"--tcp=127.0.0.1:{deaf_port}", f"--zenoh={endpoint}", "--name=v9")
+    with peer(endpoint), simulator(*allowed), simulator(*deaf), connect(port) as client:
+        connect(deaf_port).close()
+        deadline = time.monotonic() + START_S
+        while not (reply := inject(endpoint, "v8", Fault("leak"))).done and time.monotonic() < deadline:
+            time.sleep(0.2)
+        assert reply.done, reply.said
+        texts = [m.text for m in listen(lambda: client.recv(65536)) if m.get_type() == "STATUSTEXT"]
+        assert "Leak Detected" in texts
+        refused = inject(endpoint, "v9", Fault("leak"))
+        assert not refused.done
+        assert "--live-faults" in refused.said
 
 
 def test_physics_only_answers_the_frames_of_the_real_firmware_and_nothing_else():

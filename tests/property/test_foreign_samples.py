@@ -22,11 +22,13 @@ from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Histories
 from dashboard.zenoh_client import Message
+from sim_bridge.zenoh_link import answer
 
 MakeSample = Callable[..., ControlSample]
 Sample = tuple[str, str, bytes]
 UTC_NS = 1_795_000_000_000_000_000
 DEEP = "[" * 100_000
+NO_PARAMETER = '{"kind":"parameter","parameter":"FS_PILOT_INPT","value":0}'
 WILD = (
     *(str(number) for number in (2**53, -(2**53), 2**63, 2**64, 10**30, "9" * 5000)),
     *("1e300", "-1e300", "1e400", "5e-324", "null", "true", "[]", "{}", '""', '"x"', "[1e300,1e300]"),
@@ -186,6 +188,13 @@ def test_a_stranger_s_clock_is_not_the_vehicle_s(tmp_path: Path, genuine: list[S
 @pytest.mark.parametrize("payload", [DEEP, '{"a":' * 100_000, '{"a":NaN}', '{"a":"\ud800"}', "[1]"])
 def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
     assert readable(payload.encode(errors="surrogatepass")) == ""
+
+
+@pytest.mark.parametrize(
+    "payload", [DEEP, '{"kind":' + DEEP, '{"kind":"leak","at_s":1e400}', NO_PARAMETER, "\xff"]
+)
+def test_a_fault_that_nobody_can_read_is_answered(payload: str) -> None:
+    assert not answer(payload.encode("latin-1"), lambda fault: None).done
 
 
 def test_a_number_that_jumps_by_years_is_a_new_start() -> None:
