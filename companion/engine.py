@@ -115,7 +115,6 @@ class Engine:
         self._supervision = Supervision(config, autopilot.parameters, arm=arm)
         self.refusal = self._supervision.refusal
         self._guidance = Guidance(config, setpoint)
-        self.aim = self._guidance.aim
         self.parameters = assembly.parameters(config)
         """What the core knows beforehand."""
         self.memory = tick.start(self.parameters)
@@ -215,6 +214,10 @@ class Engine:
     def target(self) -> Vector:
         """Where it is held, or is while it is not: x, y, z, psi."""
         return self._estimator.frame.now.outside(self._guidance.target.eta_d)
+
+    def aim(self, setpoint: Setpoint) -> None:
+        """Take a new setpoint (`Guidance.aim`)."""
+        self._guidance.aim(setpoint)
 
     @property
     def asked(self) -> Vector:

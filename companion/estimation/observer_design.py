@@ -5,6 +5,7 @@
 
 import functools
 import math
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +13,11 @@ from msgspec.structs import replace
 
 from companion.config import Config, ConfigError
 from companion.core.model_learner import Tables
-from companion.core.observer import INTERVALS, ObserverParameters, ObserverState, ObserverTable
+from companion.core.observer import INTERVALS, FiveNodes, ObserverParameters, ObserverState, ObserverTable
 from companion.core.positioning import Model
 from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN
 from companion.records import Array, Z, vector
-from companion.steps import Steps, finish
+from companion.steps import Steps
 
 DOUBLINGS = 40
 """2^40 ticks: the recursion has settled long before."""
@@ -59,54 +60,33 @@ def with_noise(config: Config, depth: float, heading: float) -> Config:
     )
 
 
-def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
-    """Return the parameters of the observer that looks for hidden delay."""
-    return designed(config, model, Z, QUIET_N, 0.0, config.thrusters.lag_s)
+class Vehicle(NamedTuple):
+    """A nominal degree of freedom and its sensors: inertia, drag, thruster lag (s), noise, tick (s)."""
+
+    m: float
+    c: float
+    lag_s: float
+    noise: Noise
+    dt_s: float
+
+    def like(self, log_gain: float, lag_s: float, interval: int) -> ObserverParameters:
+        """Return the parameters for a vehicle of other gain and lag."""
+        g = math.exp(log_gain)
+        return observer_parameters(self.m / g, self.c / g, lag_s, self.noise, self.dt_s, interval)
+
+    def nodes(self) -> tuple[FiveNodes, FiveNodes]:
+        """Return log gains and lags (s) of the table; the nominal vehicle stands in the middle."""
+        least_s, most_s = min(LEAST_LAG_S, self.lag_s), max(MOST_LAG_S, 2.0 * self.lag_s)
+        half = 0.5 * MOST_LOG_GAIN
+        return (
+            (-MOST_LOG_GAIN, -half, 0.0, half, MOST_LOG_GAIN),
+            (least_s, 0.5 * (least_s + self.lag_s), self.lag_s, 0.5 * (self.lag_s + most_s), most_s),
+        )
 
 
-def model_tables(config: Config, model: Model) -> list[Tables]:
-    """Return the observers of each degree of freedom, by gain and lag."""
-    return [finish(tables_in_steps(config, model, dof)) for dof in range(len(config.axes))]
-
-
-def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[Tables]:
-    """Return a degree of freedom's observers; done once, `model_tables` then takes no time."""
-    noise = config.axes[dof].disturbance_noise
-    here = yield from _table(config, model, dof, DISTURBANCE_RATIO * noise, 1)
-    control = []
-    for interval in INTERVALS:
-        control.append((yield from _table(config, model, dof, noise, interval)))
-    return Tables(control=vector(control), here=here)
-
-
-def _table(config: Config, model: Model, dof: int, disturbance: float, interval: int) -> Steps[ObserverTable]:
-    """Return the parameters for the nominal vehicle, which stands in the middle, and for those unlike it."""
-    lag_s = config.thrusters.lag_s
-    least_s, most_s = min(LEAST_LAG_S, lag_s), max(MOST_LAG_S, 2.0 * lag_s)
-    lags_s = (least_s, 0.5 * (least_s + lag_s), lag_s, 0.5 * (lag_s + most_s), most_s)
-    half = 0.5 * MOST_LOG_GAIN
-    log_gains = (-MOST_LOG_GAIN, -half, 0.0, half, MOST_LOG_GAIN)
-    rows = []
-    for log_gain in log_gains:
-        for at_s in lags_s:
-            found = designed(config, model, dof, disturbance, log_gain, at_s, interval)
-            rows.append((*found.by_position, *found.by_rate))
-            yield 16
-    return ObserverTable(log_gains, lags_s, config.delays.slow_noise_s, tuple(rows))
-
-
-def designed(
-    config: Config,
-    model: Model,
-    dof: int,
-    disturbance: float,
-    log_gain: float,
-    lag_s: float,
-    interval: int = 1,
-) -> ObserverParameters:
-    """Return the parameters of a degree of freedom that expects so much `disturbance` noise."""
-    axis, g = config.axes[dof], math.exp(log_gain)
-    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
+def vehicle(config: Config, model: Model, dof: int, disturbance: float) -> Vehicle:
+    """Return a degree of freedom that expects so much `disturbance` noise."""
+    axis = config.axes[dof]
     noise = Noise(
         position=axis.position_noise,
         rate=axis.rate_noise,
@@ -115,7 +95,47 @@ def designed(
         disturbance=disturbance,
         slow_time_s=config.delays.slow_noise_s,
     )
-    return observer_parameters(model.m[dof] / g, drag / g, lag_s, noise, 1.0 / config.loop.rate_hz, interval)
+    drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
+    return Vehicle(model.m[dof], drag, config.thrusters.lag_s, noise, 1.0 / config.loop.rate_hz)
+
+
+def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
+    """Return the parameters of the observer that looks for hidden delay."""
+    return vehicle(config, model, Z, QUIET_N).like(0.0, config.thrusters.lag_s, 1)
+
+
+def model_tables(config: Config, model: Model) -> list[Tables]:
+    """Return the observers of each degree of freedom, by gain and lag."""
+    return [
+        Tables(control=vector([_table(known, interval) for interval in INTERVALS]), here=_table(here, 1))
+        for known, here in (_vehicles(config, model, dof) for dof in range(len(config.axes)))
+    ]
+
+
+def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[None]:
+    """Compute a degree of freedom's observers; `model_tables` then takes no time."""
+    known, here = _vehicles(config, model, dof)
+    for one, interval in ((here, 1), *((known, interval) for interval in INTERVALS)):
+        log_gains, lags_s = one.nodes()
+        for log_gain, lag_s in product(log_gains, lags_s):
+            one.like(log_gain, lag_s, interval)
+            yield 16
+        _table(one, interval)
+        yield 16
+
+
+def _vehicles(config: Config, model: Model, dof: int) -> tuple[Vehicle, Vehicle]:
+    """Return a degree of freedom as control takes it, and as the search for its gain and lag does."""
+    noise = config.axes[dof].disturbance_noise
+    return vehicle(config, model, dof, noise), vehicle(config, model, dof, DISTURBANCE_RATIO * noise)
+
+
+@functools.lru_cache(maxsize=128)
+def _table(known: Vehicle, interval: int) -> ObserverTable:
+    log_gains, lags_s = known.nodes()
+    found = (known.like(log_gain, lag_s, interval) for log_gain, lag_s in product(log_gains, lags_s))
+    rows = tuple((*one.by_position, *one.by_rate) for one in found)
+    return ObserverTable(log_gains, lags_s, known.noise.slow_time_s, rows)
 
 
 @functools.lru_cache(maxsize=2048)
