@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import VehicleFile
-from companion.identify import model
+from companion.identify import model, tilt
 from companion.identify.least_squares import Bounds, Found, jackknife, least_squares
 from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
@@ -68,6 +68,8 @@ class Fit:
     """1 − R² of each axis over 2 s, on these tables."""
     unexplained_before: tuple[float, ...]
     """The same of the base's parameters."""
+    tilt: dict[str, tuple[float, float]]
+    """Keys of `[levelling]` with standard deviations."""
     manoeuvre: bool
     """Whether Holdfast itself moved it: the delay is then that of its link, too, and in no file."""
 
@@ -148,6 +150,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
         speeds=tuple(speeds.tolist()),
         unexplained=tuple(model.unexplained(tracks, theta)[-1].tolist()),
         unexplained_before=tuple(model.unexplained(tracks, before)[-1].tolist()),
+        tilt=tilt.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
 
@@ -203,6 +206,10 @@ def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]
             notes[f"{section}.{key}"] = f"sd {sigma:.2g}"
         else:
             notes[f"{section}.{key}"] = f"not identified; found {value:.3g}, sd {sigma:.2g}"
+    notes |= {f"levelling.{key}": "not identified" for key in tilt.NAMES}
+    for key, (value, sigma) in found.tilt.items():
+        table["levelling"][key] = float(f"{value:.3g}")
+        notes[f"levelling.{key}"] = f"sd {sigma:.2g}"
     return msgspec.convert(table, VehicleFile), notes
 
 
@@ -233,6 +240,11 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
         )
     if found.axes[2]:
         yield f"net buoyancy {-found.theta[model.WEIGHT]:.2f} N (sd {found.sigma[model.WEIGHT]:.2g})"
+    if not found.tilt:
+        yield (
+            "roll and pitch: not identified; a better log moves their sticks; a manoeuvre needs a position, "
+            "to push surge and sway"
+        )
 
 
 def _axis_words(found: Fit, before: Array, axis: int) -> str:

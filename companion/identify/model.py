@@ -109,7 +109,7 @@ class Track:
         for horizon_s in HORIZONS_S:
             whole = np.append(self._whole(horizon_s), np.zeros(self.table.t_s.size, bool))[self.first]
             last = np.where(whole, self.first + round(horizon_s / STEP_S), self.first)
-            whole = whole[:, None] & self._steered(horizon_s)
+            whole = whole[:, None] & self.steered(self.first, horizon_s)[:, :4]
             changes.append(np.where(whole, velocity[last] - velocity[self.first], np.nan))
         return np.asarray(np.stack(changes, axis=1))
 
@@ -122,17 +122,17 @@ class Track:
             return np.zeros(0, bool)
         return np.asarray(sliding_window_view(good, rows).all(axis=1))
 
-    def _steered(self, horizon_s: float) -> NDArray[np.bool_]:
-        """Tell of each window by axis whether demands are known all along and LEAD_S before (windows, 4)."""
-        t_s, command_s = self.table.t_s[self.first], self.table.command_s
-        unknown = np.cumsum(np.isnan(self.table.commands[:, :4]), axis=0)
+    def steered(self, first: NDArray[np.int64], horizon_s: float) -> NDArray[np.bool_]:
+        """Tell of windows from these rows on which demands are known all along and LEAD_S before (n, 6)."""
+        t_s, command_s = self.table.t_s[first], self.table.command_s
+        unknown = np.cumsum(np.isnan(self.table.commands), axis=0)
         begin = np.searchsorted(command_s, t_s - LEAD_S, "right") - 1
         end = np.searchsorted(command_s, t_s + horizon_s, "right") - 1
         before = np.where((begin > 0)[:, None], unknown[begin - 1], 0)
         return np.asarray(unknown[np.maximum(end, 0)] == before)
 
     def wrench(self, theta: Array) -> Array:
-        """Return the mean wrench in each tick on surge, sway, heave, yaw, N and N·m (ticks, 4).
+        """Return the mean wrench in each tick on surge, sway, heave, yaw, roll, pitch, N and N·m (ticks, 6).
 
         A motor at rest, and one that reverses, gives nothing for the start. What it then is asked for acts
         later by the delay, through a first-order lag. Each tick's mean is exact: a command arrives
@@ -149,7 +149,7 @@ class Track:
         pushes = np.interp(400.0 * self.demands, pwm_us, T200_N) * strength[:, None]
         ends_s = TICK_S * np.arange(TICKS * self.table.t_s.size + 1.0)
         asked = _means(self.table.command_s, pushes, start_s, ends_s - delay_s)
-        return np.asarray(((asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON))[:, :4])
+        return np.asarray((asked @ np.array(FACTORS[self.frame])) * np.array(PER_NEWTON))
 
     def _wrench(self, lag_s: float, down_s: float, level_s: float, *drive: float) -> Array:
         wrench = self._driven_of(*drive).copy()
@@ -166,7 +166,7 @@ class Track:
 
     def predicted(self, theta: Array) -> Array:
         """Return the change of u, v, w, r that the model gives over each horizon (windows, horizons, 4)."""
-        wrench = self.wrench(theta).T
+        wrench = self.wrench(theta)[:, :4].T
         inertia, linear, quadratic = (theta[i : i + 4, None] for i in (MASS, LINEAR, QUADRATIC))
         start = np.nan_to_num(self.table.velocity[self.first][:, BODY]).T
         ends = [round(horizon_s / TICK_S) for horizon_s in HORIZONS_S]

@@ -49,8 +49,7 @@ class Fitness:
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""
-        about = self._autopilot.about
-        if now_s != self._checked_s or about == self._about:
+        if now_s != self._checked_s or (about := self._autopilot.about) == self._about:
             return ()
         self._about = about
         return (StatusText(now_s, MAV_SEVERITY_INFO, about),) if about else ()

@@ -188,9 +188,10 @@ def test_it_ends_or_does_not_begin_where_it_may_not(plant, arm, lasts_s, why, mo
     assert not why or dive.motors_rest()
 
 
-def test_with_a_position_surge_and_sway_are_identified_too():
+def test_with_a_position_surge_sway_roll_and_pitch_are_identified_too():
     """The vehicle of the tank, whose motors start late: without their start every axis was wrong."""
-    base = load_plant(DEFAULT_CONFIG.with_name("sim-tank-heavy.toml"), (*STILL, "sensors.dvl=true"))
+    levers = "thrusters.horizontal_m=[0.156,0.111,0.04]"
+    base = load_plant(DEFAULT_CONFIG.with_name("sim-tank-heavy.toml"), (*STILL, "sensors.dvl=true", levers))
     plant = replace(base, initial=replace(base.initial, eta=(0.0, 0.0, 3.0, 0.0, 0.0, 0.0)))
     config = load_config()
     manoeuvre, log = manoeuvred(plant, config, SEED)
@@ -200,6 +201,12 @@ def test_with_a_position_surge_and_sway_are_identified_too():
     for one in compare(plant, manoeuvre, found):
         if one.quantity == "mass" or (one.quantity.startswith("damping") and one.axis == "sway"):
             assert one.error == pytest.approx(0.0, abs=0.1), one
-    file, _ = vehicle(found, vehicle_of(config))
+    hull, (gain,) = plant.hull, plant.thrusters.gain
+    file, notes = vehicle(found, vehicle_of(config))
+    for number, inertia in enumerate((file.levelling.roll_inertia, file.levelling.pitch_inertia)):
+        true = (hull.inertia_kg_m2[number] + hull.added_mass[3 + number]) / gain
+        assert inertia == pytest.approx(true, rel=0.15)
+    assert file.levelling.lever_m == pytest.approx(plant.thrusters.horizontal_m[2], abs=0.003)
+    assert notes["levelling.lever_m"].startswith("sd ")
     assert file.thrusters.start_s == pytest.approx(plant.thrusters.start_s, abs=0.01)
     assert found.theta[START] == pytest.approx(plant.thrusters.start_s, abs=0.01)
