@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Literal
 
 import msgspec
@@ -82,6 +83,9 @@ class Publisher(SessionThread):
             configuration(endpoint)
         except RefusedError as error:
             raise RefusedError(f"telemetry.endpoint: {error}") from error
+        if (mode == "file") != Path(endpoint).is_file():
+            what = "the path of a Zenoh configuration" if mode == "file" else "one such as tcp/127.0.0.1:7447"
+            raise RefusedError(f"telemetry.endpoint = '{endpoint}': telemetry.mode is {mode}, want {what}")
         self._endpoint = endpoint
         self._mode = mode
         self._on_command = on_command

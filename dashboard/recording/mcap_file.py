@@ -72,7 +72,8 @@ class TooManyChannelsError(ValueError):
 def schema_of(encoding: str) -> tuple[str, bytes] | None:
     """Return name and JSON Schema of the record of ours that an encoding names; None for another one.
 
-    Foxglove and Lichtblick want an object at the root, and a type in every field.
+    Foxglove and Lichtblick want an object at the root, and a type in every field. `Raw` is no JSON:
+    they do not show it.
     """
     name = encoding.partition(";")[2]
     record = getattr(telemetry, name.rpartition(".v")[0].rpartition(".")[2], None)

@@ -316,12 +316,18 @@ def test_an_impossible_key_is_refused(endpoint: str) -> None:
         Subscription("holdfast//x", endpoint)
 
 
-def test_an_endpoint_that_can_never_work_is_refused(tmp_path: Path) -> None:
+def test_an_endpoint_that_can_never_work_is_refused(endpoint: str, tmp_path: Path) -> None:
     nonsense = tmp_path / "nonsense.json5"
     nonsense.write_text("{ mode: 'submarine' }")
     for path in ("localhost", nonsense, tmp_path / "missing.json5"):
         with pytest.raises(RefusedError, match=r"telemetry\.endpoint: .*is no Zenoh"):
             Publisher("kelp", str(path), "file")
+    sound = tmp_path / "sound.json5"
+    sound.write_text("{}")
+    with pytest.raises(RefusedError, match="mode is file"):
+        Publisher("kelp", endpoint, "file")
+    with pytest.raises(RefusedError, match="mode is peer"):
+        Publisher("kelp", str(sound), "peer")
     with pytest.raises(RefusedError, match="no Zenoh configuration"):
         Subscription("holdfast/**", str(nonsense))
 
