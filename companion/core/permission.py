@@ -16,7 +16,7 @@ class Permission(NamedTuple):
     releases: bool
     """What was asked while it was active is let go evenly, whatever the law says by then."""
     rests: bool
-    """Nothing is held: law and reference stay where the vehicle is."""
+    """Nothing was held until now: law and reference start where the vehicle is."""
     regained: Flags
     """What is held again: its reference starts where the vehicle is."""
     trusts_thrusters: bool

@@ -100,7 +100,7 @@ class StateMachine:
         """Take one tick's conditions and give the verdict.
 
         Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
-        HAND_OVER, and is 0 everywhere else, and while INTERRUPTED.
+        HAND_OVER, and is 0 everywhere else, while INTERRUPTED, and outside ACTIVE where a failsafe surfaces.
         """
         previous = self._verdict
         authority = self._fallen(dt_s)
