@@ -77,7 +77,6 @@ def test_check_finds_it_fit_once_the_origin_is_set(autopilot, link_port):
         "input hold",
         "EKF",
         "compass",
-        "mode",
     ):
         assert rows[name]["grade"] == "GOOD", rows[name]
     assert rows["EKF origin"]["grade"] == "GOOD"
