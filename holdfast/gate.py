@@ -46,7 +46,7 @@ def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T
         kind, value = ours.recv()
         if kind == "error":
             raise ValueError(f"{name}: {value}") if isinstance(value, UnreadableError) else value
-        return value  # type: ignore[no-any-return]
+        return value  # type: ignore[no-any-return]  # what `read` returned, through a pipe
     except EOFError as error:
         child.join()
         if child.exitcode == -signal.SIGXCPU:

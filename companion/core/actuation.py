@@ -158,7 +158,7 @@ def step(
     a, N = permission.authority, attitude.upright_share(held) * N
     tau = (a * force[X], a * force[Y], a * force[Z], a * N, a * K, a * M)
     axes, shortfall = allocated(actuation, memory, tau, at.voltage_v, permission.reach, wanted.engaged[PSI])
-    memory = ActuationMemory(
+    memory = memory._replace(
         tilt=of_tilt,
         held=held,
         roll=roll,
@@ -168,11 +168,6 @@ def step(
         active_wrench=active_wrench,
         wanted=axes,
         shortfall=shortfall,
-        command=memory.command,
-        pilots=memory.pilots,
-        delivered=memory.delivered,
-        saturated=memory.saturated,
-        dead_motor=memory.dead_motor,
     )
     return memory, axes, limits
 

@@ -78,8 +78,10 @@ class Courses(Study[CourseDive]):
 
     def dive(self, cases: Sequence[CourseDive]) -> Iterator[Row]:
         for case in cases:
-            course, more = COURSES[case.course], {"settings": self._settings, "firmware": self._firmware}
-            dived = sail(case.row, course, self._base, case.seed, **more)  # type: ignore[arg-type]
+            course = COURSES[case.course]
+            dived = sail(
+                case.row, course, self._base, case.seed, settings=self._settings, firmware=self._firmware
+            )
             figures = dived.part(slice(round(SETTLES_S / TICK_S) if course.dead else 0, None)).figures()
             row: Row = {"held": dived.held} | {key: figures[key] for key in FIGURES}
             if case.seed == FIRST_SEED:
