@@ -11,10 +11,8 @@ from companion.core import integrator, network, regressor
 from companion.core.bounds import limited, wrap
 from companion.core.compensator import BESIDE_OBSERVER, Signals
 from companion.core.law import rov_law
-from companion.core.positioning import Model, inertia, jacobian, to_body, to_inertial
 
 some = st.floats(-100.0, 100.0)
-four = st.tuples(some, some, some, some)
 angles = st.floats(-1e4, 1e4)
 gains = st.floats(0.01, 50.0)
 
@@ -31,22 +29,6 @@ def test_wrap_gives_the_same_direction_within_one_turn(angle):
 def test_limited_never_leaves_its_limit(x, limit):
     got = limited(x, limit)
     assert math.isnan(got) if math.isnan(x) else abs(got) <= limit
-
-
-@given(four, angles)
-def test_turning_there_and_back_is_no_turn_and_keeps_lengths(vector, psi):
-    J = jacobian(psi)
-    turned = to_inertial(J, vector)
-    np.testing.assert_allclose(to_body(J, turned), vector, atol=1e-10)
-    assert math.isclose(np.hypot(*turned[:2]), np.hypot(*vector[:2]), abs_tol=1e-9)
-
-
-@given(st.tuples(gains, gains, gains, gains), angles)
-def test_the_inertia_lies_between_that_of_surge_and_of_sway(m, psi):
-    bar = inertia(Model(m, m, m), jacobian(psi))
-    assert min(m[:2]) - 1e-9 <= min(bar[:2])
-    assert max(bar[:2]) <= max(m[:2]) + 1e-9
-    assert bar[2:] == m[2:]
 
 
 @given(some, some, some, some, some, gains, gains, gains)

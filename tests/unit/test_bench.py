@@ -13,8 +13,8 @@ from rich.console import Console
 
 from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
-from holdfast import RefusedError, main
-from lab.loop.scenarios import ensemble, four
+from holdfast import main
+from lab.loop.scenarios import ensemble
 from lab.studies import search as searching
 from lab.studies import tune
 from lab.studies.competitors import (
@@ -22,24 +22,20 @@ from lab.studies.competitors import (
     DEFAULT,
     FIRST_SEED,
     TUNED_FILE,
-    WIDTH,
     competitors,
     place_knobs_of,
-    selected,
     tuned,
     written,
 )
 from lab.studies.dives import FIGURES, LINKS, SCENARIOS, Dives
-from lab.studies.fidelity import Fidelity
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.reality import FIRST_SEED as FIRST_REAL_SEED
-from lab.studies.rivals import ROWS, Rivals, steered
+from lab.studies.rivals import Rivals, steered
 from lab.studies.search import SearchResult, Stage, scores, search, training, training_of_reality
 from lab.studies.statistics import interval, student
 from lab.study import Row, Study, by, parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.firmware.params import DEFAULTS
 
 CONFIG = load_config()
 BASE = load_plant(DEFAULT_CONFIG)
@@ -99,12 +95,6 @@ def test_differences_are_taken_dive_by_dive() -> None:
     assert "…" not in text
 
 
-def test_a_picture_for_every_scenario(tmp_path: Path) -> None:
-    paths = study(Dives).draw(dives({"law": 3.0, DEFAULT: 1.0}), tmp_path)
-    assert [path.name for path in paths] == [f"{scenario}.png" for scenario in SCENARIOS]
-    assert all(path.stat().st_size > 10_000 for path in paths)
-
-
 def test_no_search_sees_a_seed_of_a_bench() -> None:
     searched = tomllib.loads(TUNED_FILE.read_text())["search"]["training_seeds"]
     assert int(searched.removeprefix("0..")) < min(FIRST_SEED, FIRST_REAL_SEED)
@@ -115,17 +105,6 @@ def test_no_search_sees_a_seed_of_a_bench() -> None:
     assert min(case.seed for case in study(Rivals).cases()) == FIRST_REAL_SEED
 
 
-def test_what_was_found_lies_within_the_same_width_for_every_row() -> None:
-    assert tomllib.loads(TUNED_FILE.read_text())["search"]["bounds_factor"] == WIDTH
-    found = tuned()
-    assert set(ROWS) <= {DEFAULT, *found} <= {DEFAULT, *STEERED}
-    for name in ROWS[1:]:
-        knobs = [COMPETITORS[name].knobs(CONFIG, place=place) for place in (False, True)]
-        assert set(found[name]) == set(knobs[0]) | set(knobs[1])
-        for key, start in (knobs[0] | knobs[1]).items():
-            assert 1.0 / WIDTH <= found[name][key] / start <= 1.001 * WIDTH
-
-
 @pytest.mark.parametrize("name", STEERED)
 def test_every_row_can_take_off_as_it_was_found_and_where_a_search_begins(name: str) -> None:
     row, found = COMPETITORS[name], tuned().get(name, {})
@@ -133,14 +112,6 @@ def test_every_row_can_take_off_as_it_was_found_and_where_a_search_begins(name: 
         start = [*row.settings(place=place), *written(row.knobs(CONFIG, place=place))]
         for overrides in (row.overrides(CONFIG, found, place=place), start):
             assembly.control(configured(overrides))
-
-
-def test_rows_of_the_autopilot_set_what_it_has_and_an_unknown_row_is_refused() -> None:
-    assert all(set(row.autopilot or ()) <= set(DEFAULTS) for row in COMPETITORS.values())
-    with pytest.raises(RefusedError, match="no such row: nonesuch; there are alt_hold_stock"):
-        selected(["law", "nonesuch"], CONFIG)
-    with pytest.raises(RefusedError, match="no such row: nonesuch"):
-        study(Rivals, "--rows", "nonesuch")
 
 
 def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands() -> None:
@@ -191,19 +162,6 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
     bad, lost = scores(stage, [wild, refused], configured, BASE, dives)
     assert bad > found.score + searching.CHATTER_PRICE
     assert lost == searching.LOST_MM
-
-
-@pytest.mark.compiles
-def test_candidates_do_not_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(searching, "TRAINING_S", 3.0)
-    row = COMPETITORS["network"]
-    stage = Stage(row.knobs(CONFIG, place=False), row.settings(place=False))
-    values = [dict(stage.knobs), {key: 1.3 * value for key, value in stage.knobs.items()}]
-    dives = [dive for dive in training(2, around) if dive[0].name == "waves"]
-    together = scores(stage, values, configured, BASE, dives)
-    alone = [scores(stage, [one], configured, BASE, dives)[0] for one in values]
-    assert together == pytest.approx(alone, rel=0.02)
-    assert together[0] != pytest.approx(together[1], rel=1e-3)
 
 
 @pytest.mark.compiles
@@ -268,28 +226,6 @@ def test_own_vehicles_config_may_be_short_or_saved_by_windows(tmp_path: Path, te
     assert load_config(tmp_path / "mine.toml").heave.kappa_per_s == 7.25
 
 
-def test_vehicles_are_drawn_around_ones_own() -> None:
-    drawn = [around(SIX_THRUSTERS, seed) for seed in range(20)]
-    masses = [one.hull.mass_kg + one.hull.added_mass[2] for one in drawn]
-    own = SIX_THRUSTERS.hull.mass_kg + SIX_THRUSTERS.hull.added_mass[2]
-    assert 0.9 * own <= min(masses) < max(masses) <= 1.1 * own
-    assert len(set(masses)) == 20
-    assert around(SIX_THRUSTERS, 3) == drawn[3]
-
-
-def test_the_simulator_beside_the_firmware_is_marked_where_they_differ() -> None:
-    rows = [
-        {"vehicle": vehicle, "row": DEFAULT, "scenario": scenario, "seed": seed, "depth_sd_mm": sd_mm}
-        | {"held": sd_mm < 5.0}
-        for vehicle in ("simulator", "firmware")
-        for scenario in SCENARIOS
-        for sd_mm in [3.0 if vehicle == "simulator" else 5.0 if scenario == "load" else 3.3]
-        for seed in (1, 2)
-    ]
-    (line,) = study(Fidelity).summary(rows)["rows"]
-    assert line == ["Holdfast", "3.3 (3.0)", "3.3 (3.0)", "5.0†† (3.0)*", "3.3 (3.0)"]
-
-
 def test_without_a_firmware_the_command_says_what_to_set(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -311,11 +247,6 @@ def test_the_search_ends_with_the_command_that_dives_its_result(tmp_path):
     assert command[:2] == ["holdfast", "run"]
     assert load_config(Path(command[command.index("--config") + 1])).heave.kappa_per_s == 9.0
     assert "holdfast lab bench dives --rows ppi law" in tune.next_step(file, ["ppi", "law"])
-
-
-def test_scenarios_have_the_names_of_the_documents():
-    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
-    assert [name for name in SCENARIOS if f"\n|{name}|" in text] == [one.name for one in four(1)]
 
 
 @pytest.mark.parametrize("there", ["mine.toml", "mine-vehicle.toml"])

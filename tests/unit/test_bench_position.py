@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from companion.config import load_config
 from holdfast import RefusedError
 from lab.loop.dive import Dive
-from lab.studies.competitors import FIRST_SEED, tuned
-from lab.studies.courses import COURSES, ROWS
+from lab.studies.competitors import FIRST_SEED
+from lab.studies.courses import COURSES
 from lab.studies.position import Courses
 from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -44,13 +43,6 @@ def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
     assert dived.within(1.0, 9.0).t_s.min() >= 1.0
 
 
-def test_the_rival_steers_surge_and_sway_with_what_was_found():
-    found = tuned()["ppi"]
-    config = load_config(overrides=ROWS["ppi"].overrides(load_config(), found, place=True))
-    assert (config.surge.law, config.sway.law, config.heave.law) == ("ppi_place", "ppi_place", "lyapunov")
-    assert config.laws["ppi_place"]["k_i"] == found["laws.ppi_place.k_i"]
-
-
 @pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
 def test_every_course_dives_another_vehicle_for_another_seed(course):
     one, two = (course.plant(load_plant(DEFAULT_CONFIG), seed) for seed in (1, 2))
@@ -81,11 +73,3 @@ def test_the_table_for_the_results_says_what_was_given_up():
     ]
     table = study("--scenarios", "station", "lemniscate").summary(rows)
     assert table == {"columns": ["place RMS, mm", "station", "lemniscate"], "rows": [["P-PI", "25†", "25"]]}
-
-
-def test_a_picture_is_drawn(tmp_path):
-    dived = track(0.02)
-    trace = {"true": dived.truth[:, :2].tolist(), "reference": dived.reference[:, :2].tolist()}
-    rows = [{"row": row, "course": "station", "seed": FIRST_SEED, "trace": trace} for row in ROWS]
-    (picture,) = study().draw(rows, tmp_path)
-    assert picture.stat().st_size > 1000

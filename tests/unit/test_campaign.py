@@ -2,16 +2,14 @@
 
 import csv
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-import holdfast
 from lab import commands
 from lab.studies import campaign
 from lab.studies.campaign import Campaign
-from lab.studies.campaign_cases import BLUEROV2, DISTURBANCES, VEHICLES, case, plant
-from lab.study import dived, parser_of
+from lab.studies.campaign_cases import BLUEROV2, DISTURBANCES, VEHICLES, case
+from lab.study import parser_of
 
 CASES = [case(number) for number in range(360)]
 
@@ -27,11 +25,6 @@ def brief(monkeypatch):
     monkeypatch.setattr(campaign, "DURATION_S", 3.6)
 
 
-def test_a_number_is_always_the_same_dive():
-    assert case(4711) == case(4711) != case(4712)
-    assert plant(case(4711)) == plant(case(4711))
-
-
 def test_dives_cover_what_was_asked():
     assert {(one.vehicle, one.disturbance) for one in CASES} == {
         (v, d) for v in VEHICLES for d in DISTURBANCES
@@ -45,41 +38,12 @@ def test_dives_cover_what_was_asked():
         assert {one.dead for one in CASES if (one.vehicle == BLUEROV2) is six} == set(range(motors + 1))
 
 
-def test_a_dead_thruster_does_not_push():
-    one = next(one for one in CASES if one.dead)
-    gain = plant(one).thrusters.gain
-    assert gain[one.dead - 1] == 0.0
-    assert sorted(gain)[1] == one.thrust
-
-
-def test_a_batch_has_one_frame():
-    parts = study().groups(CASES[:40])
-    assert sorted(one.number for part in parts for one in part) == list(range(40))
-    assert all(len({plant(one).thrusters.frame for one in part}) == 1 for part in parts)
-
-
 def test_the_envelope_leaves_out_what_turns_over():
     upright = CASES[0]._replace(vehicle="heavy", disturbance="load", dead=0)
     assert upright.inside
     assert upright._replace(dead=2).inside
     assert not upright._replace(dead=5).inside
     assert upright._replace(dead=5, disturbance="calm").inside
-
-
-def test_rows_of_an_older_version_are_not_overwritten(tmp_path, capsys):
-    (tmp_path / "dives.csv").write_text("number\n1\n")
-    assert holdfast.main(["lab", "campaign", "--dives", "3", "--out", str(tmp_path)]) == 2
-    assert "another configuration or version: choose another --out" in capsys.readouterr().err
-
-
-@pytest.mark.compiles
-@pytest.mark.usefixtures("brief")
-def test_every_dive_comes_back_once():
-    bench = study("--dives", "9")
-    with ThreadPoolExecutor(2) as executor:
-        found = list(dived(bench, bench.groups(bench.cases()), executor, 2))
-    assert sorted(one.number for cases, _ in found for one in cases) == list(range(9))
-    assert all(row["outcome"] == "held" for _, rows in found for row in rows)
 
 
 @pytest.mark.compiles

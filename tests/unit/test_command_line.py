@@ -1,7 +1,6 @@
 """What every command has in common at a terminal: statuses, one line for what cannot be, quiet endings."""
 
 import errno
-import json
 import os
 import socket
 import subprocess
@@ -14,8 +13,6 @@ import pytest
 import holdfast
 from companion.app import parting
 from companion.config import load_config as load_companion
-from companion.predive.check import CheckRow, Grade
-from lab.ports import free_port
 from lab.report.figures import faults_of
 from lab.report.log import StateSpan
 from sim_bridge.commands import vehicle_file
@@ -63,6 +60,7 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
         (["sim", "--speed", "0"], "'0' is not a number above 0, up to 100"),
         (["sim", "--speed", "fast"], "'fast' is not a number above 0, up to 100"),
         (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
+        (["lab", "bench", "dives", "--table", "dives.parquet"], "must end in .csv; pandas or pyarrow"),
         (["tell"], "the following arguments are required: [VEHICLE] COMMAND"),
         (["follow", "kelp", "a.toml", "b.toml"], "one file, and at most one vehicle before it"),
         (["follow"], "which FILE?"),
@@ -73,16 +71,6 @@ def test_what_makes_no_sense_is_refused(arguments, says, capsys):
         holdfast.main(arguments)
     assert leaving.value.code == 2
     assert says in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("command", ["report", "record --repair", "lab rerun"])
-def test_what_is_no_recording_is_refused_with_status_2(command, capsys, tmp_path):
-    file = tmp_path / "notes.txt"
-    file.write_text("no recording")
-    assert holdfast.main([*command.split(), str(file)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(f"holdfast {command.removesuffix(' --repair')}: {file}: is no ")
-    assert said.count("\n") == 1
 
 
 @pytest.fixture
@@ -201,30 +189,6 @@ def test_a_port_that_is_taken_is_named(command, capsys):
     said = capsys.readouterr().err
     assert f"port {port} is taken by another process" in said
     assert "Traceback" not in said
-
-
-def test_run_says_what_names_who_has_its_port_and_leaves_no_traceback():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
-        held.bind(("127.0.0.1", 0))
-        settings = (
-            f"link.endpoint=udp-listen:127.0.0.1:{held.getsockname()[1]}",
-            f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}",
-        )
-        port = held.getsockname()[1]
-        command = [sys.executable, "-m", "holdfast", "run", *(f"--set={setting}" for setting in settings)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 1
-    assert f"`sudo ss -ulnp sport = :{port}` names; end that, or choose another port" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-def test_check_prints_the_table_or_json(capsys, monkeypatch):
-    row = CheckRow("link", Grade.GOOD, "heard", "", "")
-    monkeypatch.setattr("companion.predive.app.inspect", lambda config, **options: ([row], []))
-    assert holdfast.main(["check", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"][0]["name"] == "link"
-    assert holdfast.main(["check"]) == 0
-    assert "heard" in capsys.readouterr().out
 
 
 def test_a_folder_for_figures_that_cannot_be_is_refused_before_hours_pass(capsys):

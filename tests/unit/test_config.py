@@ -15,14 +15,12 @@ from companion.config import (
     REPLACED,
     Config,
     ConfigError,
-    VehicleFile,
     load_config,
     load_vehicle,
     presets,
     vehicle_of,
     vehicle_text,
 )
-from companion.records import AXES
 from holdfast import validation
 
 
@@ -99,7 +97,6 @@ def test_one_button_cannot_engage_and_release():
     assert "ground_station.engage_button = 3" in refusal(overrides=buttons)
 
 
-SCALED = ("mass", "linear_damping", "quadratic_damping", "roll_inertia", "pitch_inertia")
 NUMBERS = [
     (f"{section}.{key}", value)
     for section, table in msgspec.to_builtins(load_config()).items()
@@ -131,24 +128,6 @@ def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, sh
         assert f"must be {allowed} to {most:g}" in message or "int" in message
 
 
-def test_an_unknown_key_in_the_file_is_refused(edited):
-    path = edited("[fence]", "[heave]\ndeadband = 0.1\n[fence]")
-    assert refusal(path).startswith(f"{path}: heave.deadband: unknown key")
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    assert "nowhere.toml: cannot be read: No such file" in refusal(tmp_path / "nowhere.toml")
-
-
-@pytest.mark.parametrize("data", [b"[heave\nmass = 1", b"mass = ", b"\xff\xfe\x00", b"a = 1\na = 2\n"])
-def test_bad_toml_names_the_file(tmp_path, data):
-    path = tmp_path / "broken.toml"
-    path.write_bytes(data)
-    message = refusal(path)
-    assert "broken.toml" in message
-    assert "TOML" in message or "UTF-8" in message
-
-
 @pytest.mark.parametrize(
     ("override", "section", "key", "value"),
     [
@@ -176,9 +155,6 @@ HEAVY = PRESETS / "heavy.toml"
 
 
 class TestPresets:
-    def test_the_issue_names_them(self):
-        assert presets() == ["ardusub", "bluerov2", "custom", "heavy", "heavy-skid", "tank-heavy"]
-
     @pytest.mark.parametrize("name", presets())
     def test_each_is_loaded_by_name_and_leaves_what_is_not_the_vehicle(self, name):
         config = load_config(overrides=[f"vehicle.preset={name}"])
@@ -194,16 +170,6 @@ class TestPresets:
     @pytest.mark.parametrize("name", presets())
     def test_each_has_gains_that_its_lag_and_mass_bear(self, name):
         refuse_fast_gains(load_config(overrides=[f"vehicle.preset={name}"]))
-
-    @pytest.mark.parametrize("strength", [1 / 3, 3.0])
-    @pytest.mark.parametrize("name", presets())
-    def test_each_is_in_the_ranges_with_a_third_and_with_three_times_its_thrust(self, name, strength):
-        """As `holdfast lab bench corners` tries them: what is written is for newtons of T200."""
-        table = msgspec.to_builtins(load_vehicle(PRESETS / f"{name}.toml"))
-        for section in (*AXES, "levelling"):
-            for key in set(table[section]) & {*SCALED}:
-                table[section][key] /= strength
-        msgspec.convert(table, VehicleFile)
 
     def test_the_loop_leads_the_lag_and_not_the_start_of_its_motors(self):
         """Where motors run there is no start: a loop that led it by 0.16 s oscillated at full thrust."""

@@ -185,10 +185,3 @@ def test_a_path_is_looked_ahead_along_by_as_much_as_the_state_is():
         sample = tick(c, s, Setpoint((0.0, 0.0, 0.2 * (k * TICK_S), 0.0), rate))
     assert sample.e[2] == pytest.approx(0.0, abs=1e-3)
     assert sample.x_d_dot[2] == pytest.approx(0.2, abs=1e-3)
-
-
-def test_nan_in_the_state_is_seen_in_tau():
-    """So that the engine can tell: nothing hides it."""
-    s = state((np.nan, 0.0, 0.0, 0.0))
-    sample = tick(at_rest(), s, Setpoint((0.0,) * 4))
-    assert np.isnan(sample.tau[0])

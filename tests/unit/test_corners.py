@@ -6,32 +6,15 @@ import numpy as np
 import pytest
 
 from companion.config import load_config
-from lab.studies.corners import PLACES, TICK_S, Cell, Corners, corners, cycles_s, dive, plant
+from lab.studies.corners import PLACES, TICK_S, Cell, Corners, cycles_s, dive
 from lab.study import parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.physics.body import Physics
 
 BASE = load_plant(DEFAULT_CONFIG)
 NOMINAL = Cell(1.0, 0.15, 0, 0, "waves")
 TIMES_S = TICK_S * np.arange(1000)[:, None]
 LARGEST = np.array([100.0])
-
-
-def test_the_corners_are_every_combination_once() -> None:
-    cells = corners()
-    assert len(cells) == len(set(cells)) == 2**5
-    assert {cell.gain for cell in cells} == {1 / 3, 3.0}
-
-
-def test_the_gain_is_that_of_all_axes() -> None:
-    forces = []
-    for cell in (NOMINAL, NOMINAL._replace(gain=2.0)):
-        body = Physics(plant(BASE, cell, 1), 1)
-        for _ in range(200):
-            body.step((1700, 1600, 1400, 1550, 1700, 1650, 1560, 1700), 0.0)
-        forces.append(np.array(body.tau))
-    assert forces[1] / forces[0] == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from rich.console import Console
 
 import holdfast
 from companion.records import Array, Z
@@ -90,40 +89,10 @@ def test_what_a_part_is_worth_comes_from_the_figures(dive: Dive) -> None:
     assert worth("It", with_it, with_it) == "It brings nothing (within 5 %): a, b, c, d."
 
 
-def test_the_path_goes_down_and_up_twice() -> None:
-    story = Story()
-    t_s = np.arange(0.0, story.end_s, 0.1)
-    asked_m = [story.depth_m_at(t) for t in t_s]
-    changed = {
-        round(float(t), 1): asked
-        for t, asked, last in zip(t_s[1:], asked_m[1:], asked_m, strict=False)
-        if asked != last
-    }
-    assert changed == {12.0: 5.5, 16.0: 5.0, 20.0: 5.5, 24.0: 5.0}
-
-
 def test_a_vehicle_that_is_let_go_ends_the_demo_with_the_reason() -> None:
     storm = dataclasses.replace(SHORT, current_m_s=3.0, wave_height_m=4.0)
     with pytest.raises(ValueError, match="the controller let go of the vehicle: "):
         dive_holdfast(storm, "", None, lambda _: None)
-
-
-def test_the_table_sets_them_side_by_side(dive: Dive) -> None:
-    story = Story(waves_s=2.0, path_s=5.0, load_on_s=12.0, load_off_s=15.0, end_s=18.0)
-    result = figures(dive, story.phases)
-    results = {"alt_hold": replace(result, phase_rms_mm=dict.fromkeys(story.phases, 112.34))}
-    results |= dict.fromkeys(("law", "observer", "holdfast"), result)
-    console = Console(width=80)
-    with console.capture() as capture:
-        console.print(demo.table(results, story, about_mean=False))
-        console.print(demo.table(results, story, about_mean=True))
-    lines = capture.get().splitlines()
-    rows = [" ".join(text.split()) for text in lines if text.strip()]
-    assert rows[:2] == ["Errors, RMS, 2 to 18 s after arming", "ALT_HOLD law law + observer Holdfast"]
-    assert "depth, waves mm 112.3 7.1 7.1 7.1" in rows
-    assert "depth, all of these mm 7.1 7.1 7.1 7.1" in rows
-    assert any("of the depth about their mean" in text for text in lines)
-    assert all(len(text) <= 80 for text in lines)
 
 
 def test_a_short_demo_leaves_table_picture_and_figures(

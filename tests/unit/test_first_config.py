@@ -99,18 +99,6 @@ def test_a_wrong_configuration_is_reported_by_key_and_range(here, capsys, change
     assert says in line
 
 
-def test_a_wrong_vehicle_is_reported_by_key_and_range(here, capsys):
-    text = (PRESETS / "heavy.toml").read_text()
-    (here / "mine.toml").write_text(with_values(text, {"heave.mass": -1.0}))
-    assert holdfast.main(["config", "check", "mine.toml"]) == 2
-    (number,) = [
-        n for n, line in enumerate((here / "mine.toml").read_text().splitlines(), 1) if "mass = -1.0" in line
-    ]
-    said = capsys.readouterr().err
-    assert "mine.toml: heave.mass = -1: must be" in said
-    assert said.endswith(f"(line {number})\n")
-
-
 @pytest.mark.parametrize(
     ("text", "line"),
     [

@@ -296,20 +296,6 @@ class TestAbsurdity:
         assert convert(decoder, message) == ()
         assert counters.implausible == 1
 
-    @pytest.mark.parametrize(
-        "message",
-        [
-            named(b"PilotGain", 1.0),
-            named(b"PilotGain", 0.0),
-            vfr_hud(climb=20.0),
-            vfr_hud(climb=-20.0),
-            attitude(yaw=6.29),
-            attitude(roll=-6.29),
-        ],
-    )
-    def test_the_last_number_is_believed(self, decoder, message):
-        assert len(convert(decoder, message)) == 1
-
     def test_an_absurd_attitude_does_not_move_the_clock(self, decoder):
         convert(decoder, attitude(boot_ms=1000))
         convert(decoder, attitude(boot_ms=2_000_000_000, yaw=NAN))
@@ -399,35 +385,8 @@ class TestOverride:
         got = channels(COMMANDS.rc_override(command))
         assert {n: got[n - 1] for n in expected} == expected
 
-    def test_all_else_is_left_alone(self):
-        got = channels(seen(COMMANDS.rc_override(AxisCommand(1.0, 1.0, 1.0, 1.0))))
-        assert [got[n - 1] for n in (1, 2, 7, 8)] == [65535] * 4
-        assert got[8:] == [0] * 10
-
 
 class TestManualControl:
-    @pytest.mark.parametrize(
-        ("command", "axis", "value"),
-        [
-            (AxisCommand(surge=0.25), "x", 500),
-            (AxisCommand(sway=0.25), "y", 500),
-            (AxisCommand(heave=0.25), "z", 250),
-            (AxisCommand(heave=-0.25), "z", 750),
-            (AxisCommand(yaw=0.25), "r", 500),
-        ],
-    )
-    def test_signs_at_half_gain(self, command, axis, value):
-        message = COMMANDS.manual_control(command, 0.5, 1.0)
-        expected = {"x": 0, "y": 0, "z": 500, "r": 0} | {axis: value}
-        assert {name: getattr(message, name) for name in expected} == expected
-        assert (message.target, message.buttons, message.s, message.t) == (1, 0, 0, 0)
-
-    def test_small_gain_clips_at_its_reach(self):
-        message = COMMANDS.manual_control(AxisCommand(1.0, -1.0, 1.0, 1.0), 0.3, 0.5)
-        assert (message.x, message.y, message.z, message.r) == (1000, -1000, 0, 1000)
-        assert manual_control_reach(0.3, 0.5) == AxisCommand(0.3, 0.3, 0.15, 0.3)
-        assert manual_control_reach(0.5, 4.0) == AxisCommand(0.5, 0.5, 1.0, 0.5)
-
     @pytest.mark.parametrize("gain", [0.0, -1.0, NAN, INF])
     def test_absurd_gain_is_neutral(self, gain):
         message = COMMANDS.manual_control(AxisCommand(1.0, 1.0, 1.0, 1.0), gain, 1.0)
@@ -438,24 +397,6 @@ class TestManualControl:
 @pytest.mark.parametrize("gain", [0.1, 0.25, 0.35, 0.5, 0.62500001, 1.0])
 def test_neutral_stays_neutral(gain):
     assert quantise(AxisCommand(), "manual_control", gain, 1.0) == AxisCommand()
-
-
-class TestRequests:
-    @pytest.mark.parametrize(
-        ("message", "command", "param1", "param2"),
-        [
-            (COMMANDS.set_mode(Mode.MANUAL), 176, 1.0, 19.0),
-            (COMMANDS.arm(True), 400, 1.0, 0.0),
-            (COMMANDS.arm(False), 400, 0.0, 0.0),
-            (COMMANDS.message_interval(30, 50.0), 511, 30.0, 20_000.0),
-            (COMMANDS.message_interval(30, 0.5), 511, 30.0, 2_000_000.0),
-            (COMMANDS.message_interval(30, 0.0), 511, 30.0, -1.0),
-        ],
-    )
-    def test_commands(self, message, command, param1, param2):
-        got = seen(message)
-        assert (got.command, got.param1, got.param2) == (command, param1, param2)
-        assert (got.target_system, got.target_component) == (1, 1)
 
 
 def ekf_report(flags, velocity=0.1, depth=0.2, compass=0.3):
@@ -528,11 +469,6 @@ def test_the_origin_is_sent_in_ten_millionths_of_a_degree():
     message = seen(COMMANDS.set_origin(47.3977, -8.5456))
     assert (message.latitude, message.longitude) == (473977000, -85456000)
     assert message.target_system == 1
-
-
-def test_the_modes_have_the_firmwares_numbers():
-    numbers = {"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "AUTO": 3, "GUIDED": 4, "SURFACE": 9}
-    assert {mode.name: mode.value for mode in Mode} == numbers | {"POSHOLD": 16, "MANUAL": 19, "SURFTRAK": 21}
 
 
 INT16_MAX = 32767

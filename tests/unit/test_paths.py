@@ -93,18 +93,6 @@ def test_a_path_is_continuous_and_keeps_its_limits(name):
             assert np.abs(rows[-1, :3]).max() < 0.01
 
 
-@pytest.mark.parametrize("name", PLANS)
-def test_the_curve_has_the_derivatives_that_it_says(name):
-    for leg in build(PLANS[name]).legs:
-        curve, h = leg.curve, 1e-4
-        for s in np.linspace(h, curve.length - h, 57):
-            before, here, after = (np.array(curve.at(s + step).p) for step in (-h, 0.0, h))
-            node = curve.at(s)
-            np.testing.assert_allclose((after - before) / (2 * h), node.dp, atol=1e-4)
-            np.testing.assert_allclose((after - 2 * here + before) / h**2, node.ddp, atol=0.02)
-            assert math.hypot(*node.dp[:3]) == pytest.approx(1.0, abs=0.005)
-
-
 @pytest.mark.parametrize("name", ["circle", "counter-clockwise", "lemniscate", "square"])
 def test_a_closed_path_ends_where_it_begins_with_the_same_direction_and_curvature(name):
     (leg,) = build(PLANS[name]).legs

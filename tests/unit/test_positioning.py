@@ -20,7 +20,6 @@ from companion.core.positioning import (
 )
 
 MODEL = Model(m=(17.5, 21.0, 28.5, 0.5), d1=(8.0, 6.0, 19.0, 0.1), d2=(95.0, 130.0, 113.0, 1.0))
-ZERO = (0.0,) * 4
 ANGLES = (0.0, 0.3, np.pi / 2, 2.0, np.pi, -1.2, -np.pi, 7.0)
 
 
@@ -34,25 +33,6 @@ def matrix(psi):
     J = np.eye(4)
     J[:2, :2] = rotation(psi)
     return J
-
-
-@pytest.mark.parametrize(
-    ("angle", "wrapped"),
-    [
-        (0.0, 0.0),
-        (1.0, 1.0),
-        (-1.0, -1.0),
-        (np.pi + 0.1, -np.pi + 0.1),
-        (-np.pi - 0.1, np.pi - 0.1),
-        (np.pi, -np.pi),
-        (-np.pi, -np.pi),
-        (2 * np.pi, 0.0),
-        (7.0, 7.0 - 2 * np.pi),
-        (-20.0, -20.0 + 6 * np.pi),
-    ],
-)
-def test_wrap(angle, wrapped):
-    assert wrap(angle) == pytest.approx(wrapped, abs=1e-12)
 
 
 def test_an_angle_that_is_none_is_nan():
@@ -117,40 +97,6 @@ def test_k_and_h_against_fossens_matrices(psi, share):
         expected = share * c_nu + turning + drag
         expected[:2] = rotation(psi) @ expected[:2]
         np.testing.assert_allclose(coriolis_and_damping(model, jacobian(psi), nu), expected, atol=1e-10)
-
-
-def test_free_motion_keeps_its_energy_and_its_momentum():
-    """No thrust, no damping: a turning body of unequal inertia, integrated in the inertial frame."""
-    model = Model((10.0, 25.0, 30.0, 2.0), ZERO, ZERO)
-
-    def acceleration(psi, x_dot):
-        J, turn = jacobian(psi), matrix(psi)
-        full = turn @ np.diag(model.m) @ turn.T
-        return np.linalg.solve(full, np.negative(coriolis_and_damping(model, J, to_body(J, x_dot))))
-
-    def energy_and_momentum(psi, x_dot):
-        full = matrix(psi) @ np.diag(model.m) @ matrix(psi).T
-        return 0.5 * x_dot @ full @ x_dot, (full @ x_dot)[:2]
-
-    psi, x_dot, dt = 0.3, np.array([0.4, -0.3, 0.2, 0.8]), 1e-3
-    before = energy_and_momentum(psi, x_dot)
-    for _ in range(3000):
-        k1 = acceleration(psi, x_dot)
-        middle = x_dot + 0.5 * dt * k1
-        k2 = acceleration(psi + 0.5 * dt * x_dot[3], middle)
-        psi, x_dot = psi + dt * middle[3], x_dot + dt * k2
-    after = energy_and_momentum(psi, x_dot)
-    assert after[0] == pytest.approx(before[0], rel=1e-5)
-    np.testing.assert_allclose(after[1], before[1], atol=1e-4)
-
-
-def test_a_common_turn_turns_all():
-    """No direction of the compass is special."""
-    rng = np.random.default_rng(6)
-    for _ in range(20):
-        nu, psi, turn = rng.normal(size=4), rng.uniform(-3.0, 3.0), rng.uniform(-3.0, 3.0)
-        turned = to_inertial(jacobian(turn), coriolis_and_damping(MODEL, jacobian(psi), nu))
-        np.testing.assert_allclose(coriolis_and_damping(MODEL, jacobian(psi + turn), nu), turned, atol=1e-9)
 
 
 def test_drag_coefficient_is_the_diagonal_of_the_damping_matrix():

@@ -2,44 +2,15 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from companion.records import State
 from lab.studies.reality import FIRST_SEED, GOALS, HELD, SCENARIOS, TURNED_OVER, RealDive, Reality
-from lab.studies.vehicles import path, rough
 from lab.study import parser_of
 
 
 def study(*options):
     return Reality(parser_of(Reality).parse_args(options))
-
-
-@pytest.mark.parametrize("scenario", SCENARIOS)
-def test_the_same_seed_is_the_same_vehicle_and_another_seed_another(scenario):
-    first, again, other = (SCENARIOS[scenario](seed).plant for seed in (1, 1, 2))
-    assert first == again != other
-    assert first.sensors.dvl == (scenario in ("rough", "axes") or "place" in scenario)
-
-
-def test_a_vehicle_of_reality_lies_between_the_models_and_the_tank():
-    cases = study().cases()
-    assert len(cases) == 60
-    for case in cases:
-        plant = rough(case.seed).plant
-        (share,) = plant.thrusters.gain
-        inertia = (plant.hull.mass_kg + plant.hull.added_mass[2]) / share
-        assert 20.0 < inertia < 95.0
-        assert 0.0 <= plant.thrusters.start_s <= 0.25
-        assert 0.0 <= plant.thrusters.horizontal_m[2] <= 0.1
-
-
-def test_the_path_moves_by_half_a_metre_and_says_its_own_rate():
-    times = np.arange(0.0, 30.0, 0.01)
-    depth = np.array([path(t_s).eta_d[2] for t_s in times])
-    rate = np.array([path(t_s).eta_d_dot[2] for t_s in times])
-    assert np.ptp(depth) == pytest.approx(0.5, abs=1e-4)
-    np.testing.assert_allclose(np.gradient(depth, times)[1:-1], rate[1:-1], atol=2e-3)
 
 
 @pytest.mark.parametrize("late", ["", "-late"])

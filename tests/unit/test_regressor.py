@@ -1,7 +1,6 @@
 """The linear regressor: learns what is linear in its terms, by the conventions of all compensators."""
 
 import numpy as np
-import pytest
 from learner import DT_S, Learner, still
 
 from companion.core import regressor
@@ -9,12 +8,6 @@ from companion.core import regressor
 
 def one(**changes):
     return Learner(regressor, learning_rate=200.0, **changes)
-
-
-def test_it_starts_as_the_plain_law_and_a_positive_error_asks_for_less():
-    learner = one()
-    assert learner.step(still()) == 0.0
-    assert learner.step(still(0.1)) == pytest.approx(-200.0 * 0.1 * DT_S)
 
 
 def test_nothing_is_learnt_inside_the_dead_zone():

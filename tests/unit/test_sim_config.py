@@ -49,28 +49,8 @@ def test_errors_name_override_key_value_and_range(override, words):
         assert str(caught.value).startswith(f"--set {override}: ")
 
 
-def test_missing_file_and_broken_toml(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be read"):
-        load_config(tmp_path / "none.toml")
-    broken = tmp_path / "broken.toml"
-    broken.write_text("hull = [")
-    with pytest.raises(ConfigError, match="is not TOML"):
-        load_config(broken)
-
-
 def test_an_empty_file_is_a_heavy_in_still_water(tmp_path):
     (tmp_path / "empty.toml").write_text("")
     config, shipped = load_config(tmp_path / "empty.toml"), load_config(CONFIG)
     assert (config.hull, config.thrusters) == (shipped.hull, shipped.thrusters)
     assert not config.current.enabled
-
-
-def test_overrides_reach_their_place():
-    config = load_config(CONFIG, ["waves.enabled=true", "load={enabled=true, weight_n=15}"])
-    assert config.waves.enabled
-    assert config.load.weight_n == 15.0
-
-
-def test_unknown_autopilot_parameter_is_refused():
-    with pytest.raises(ValueError, match="FS_PILOT_TIMEOUTT"):
-        Vehicle(load_config(CONFIG, ["parameters.FS_PILOT_TIMEOUTT=1.0"]), 1)

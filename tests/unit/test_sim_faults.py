@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sim_wire import CONFIG, SET_INTERVAL, STABILIZE, Station, is_finite, override, vehicle
+from sim_wire import CONFIG, SET_INTERVAL, Station, is_finite, override, vehicle
 
 from sim_bridge.commands import shipped
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.listing import listing
-from sim_bridge.physics.sensors import COMPASS_TAU_S
 from sim_bridge.zenoh_link import answer
 
 
@@ -53,15 +52,6 @@ def test_nan_and_extreme_messages():
     assert station.run(1.0).last("VFR_HUD").alt == -1e6
 
 
-def test_a_cut_link_is_deaf_and_dumb():
-    station = station_with({"kind": "link_cut", "at_s": 1.0, "duration_s": 1.0})
-    station.run(0.03)
-    assert not station.run(0.9, override(forward=100))
-    heard = station.run(1.0)
-    assert heard.of("ATTITUDE")
-    assert {m.chan5_raw for m in heard.of("RC_CHANNELS")} == {1500}
-
-
 @pytest.mark.parametrize(
     ("kind", "share", "seconds", "heard", "within"),
     [("link_lossy", 0.3, 20.0, 700, 70), ("link_duplicating", 1.0, 1.0, 100, 4)],
@@ -69,26 +59,6 @@ def test_a_cut_link_is_deaf_and_dumb():
 def test_a_link_loses_its_share_or_says_things_twice(kind, share, seconds, heard, within):
     station = station_with({"kind": kind, "at_s": 0.0, "value": share})
     assert len(attitudes(station, seconds)) == pytest.approx(heard, abs=within)
-
-
-def test_reboot_disarm_mode_and_parameter_happen_once():
-    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
-    station = Station(rov).arm()
-    now = rov.time_s
-    rov.inject(Fault("mode", at_s=now + 0.2, value=STABILIZE))
-    rov.inject(Fault("disarm", at_s=now + 0.5))
-    rov.inject(Fault("parameter", at_s=now + 0.8, parameter="FS_PILOT_INPUT", value=0))
-    rov.inject(Fault("reboot", at_s=now + 2.0))
-    station.run(0.3, override())
-    assert rov.truth().mode == STABILIZE
-    station.run(0.3, override())
-    assert not rov.truth().armed
-    station.run(0.3)
-    station.say(mavlink.MAVLink_param_request_read_message(1, 1, b"FS_PILOT_INPUT", -1))
-    assert station.run(0.1).last("PARAM_VALUE").param_value == 0
-    heard = station.run(2.0)
-    assert heard.last("HEARTBEAT").custom_mode == 19
-    assert heard.last("SYSTEM_TIME").time_boot_ms < 2000
 
 
 def test_a_stuck_thruster_obeys_nobody():
@@ -100,28 +70,6 @@ def test_a_stuck_thruster_obeys_nobody():
     assert rov.truth().motor_pwm[2] == 1500
     station.run(2.0, override())
     assert abs(rov.truth().thrust_n[2]) < 0.1
-
-
-def test_a_disturbed_compass_turns_the_heading_slowly_and_lets_it_return():
-    rov = vehicle("initial.eta=[0,0,5,0,0,0]")
-    station = Station(rov)
-    rov.inject(Fault("compass", at_s=0.1, duration_s=15.0, value=30.0))
-    assert station.run(1.0).last("ATTITUDE").yaw > -0.2
-    followed = math.radians(30.0) * (1.0 - math.exp(-15.0 / COMPASS_TAU_S))
-    assert station.run(14.1).last("ATTITUDE").yaw == pytest.approx(-followed, abs=0.02)
-    returned = followed * math.exp(-20.0 / COMPASS_TAU_S)
-    assert station.run(20.0).last("ATTITUDE").yaw == pytest.approx(-returned, abs=0.02)
-
-
-def test_without_the_dvl_the_position_drifts_and_is_lost():
-    rov = vehicle("initial.eta=[2,1,5,0,0,0]", "sensors.dvl=true", "sensors.unaided_m_s=0.1")
-    station = Station(rov)
-    station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20000).run(1.0)
-    rov.inject(Fault("dvl_out", at_s=rov.time_s, duration_s=30.0))
-    place = station.run(12.0).last("LOCAL_POSITION_NED")
-    assert math.hypot(place.x - 2, place.y - 1) > 0.2
-    assert not station.run(10.0).of("LOCAL_POSITION_NED")[300:]
-    assert station.run(10.0).of("LOCAL_POSITION_NED")
 
 
 def test_clear_ends_what_holds_and_leaves_what_comes_later():
@@ -228,22 +176,6 @@ def streaming_depth(*overrides):
     station = Station(rov)
     station.command(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 50000).run(1.0)
     return rov, station
-
-
-def test_an_origin_that_comes_late_moves_relative_alt():
-    _, station = streaming_depth("sensors.dvl=true", 'faults=[{kind="origin_late", duration_s=3.0}]')
-    station.say(mavlink.MAVLink_set_gps_global_origin_message(1, 1, 1, 0))
-    heard = station.run(1.5)
-    assert not heard.of("LOCAL_POSITION_NED")
-    assert not heard.of("GPS_GLOBAL_ORIGIN")
-    assert heard.last("VFR_HUD").alt == 0.0
-    assert station.command(176, 1, 16).run(0.1).result(176) == 4
-    before = station.run(0.1).last("GLOBAL_POSITION_INT").relative_alt
-    heard = station.run(1.0)
-    assert len(heard.of("GPS_GLOBAL_ORIGIN")) == 1
-    assert heard.last("GLOBAL_POSITION_INT").relative_alt == pytest.approx(before - 100, abs=20)
-    assert heard.last("VFR_HUD").alt == pytest.approx(-5.0, abs=0.2)
-    assert heard.of("LOCAL_POSITION_NED")
 
 
 def test_noise_of_the_depth_is_slow_and_as_large_as_asked():

@@ -1,7 +1,6 @@
 """Curve, lag and geometry of the thrusters; with the mixer, one test per axis pins the signs."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -137,31 +136,6 @@ def test_a_vehicle_ahead_is_slower_with_inflow_and_helpless_out_of_the_water():
     dry = vehicle("thrusters.dry_height_m=0.1", "initial.eta=[0,0,-0.2,0,0,0]", "hull.net_buoyancy_n=200")
     Station(dry).arm().run(1.0, override(forward=400))
     assert max(np.abs(dry.truth().thrust_n)) < 1.0
-
-
-def wrench_of(frame, demand):
-    """Body wrench if motors pushed in proportion to their output: signs of mixer and geometry alone."""
-    forces: Any = (*mix(frame, demand), 0.0, 0.0)[:8]
-    return np.array(wrench(thrusters(frame), forces))
-
-
-@pytest.mark.parametrize("frame", CONFIGS)
-@pytest.mark.parametrize(
-    ("demand", "entry", "sign"),
-    [
-        ((0.3, 0, 0, 0, 0, 0), 3, 1),
-        ((0, 0, 0.3, 0, 0, 0), 5, 1),
-        ((0, 0, 0, 0.3, 0, 0), 2, -1),
-        ((0, 0, 0, 0, 0.3, 0), 0, 1),
-        ((0, 0, 0, 0, 0, 0.3), 1, 1),
-    ],
-    ids=["roll", "yaw", "throttle up", "forward", "lateral"],
-)
-def test_each_axis_pushes_its_own_way(frame, demand, entry, sign):
-    wrench = wrench_of(frame, demand)
-    assert wrench[entry] * sign > 0.02
-    others = np.delete(wrench, [entry, 3, 4] if entry < 2 else [entry])
-    assert np.abs(others).max() < 1e-12
 
 
 def test_six_dof_groups_share_saturation_by_their_own_largest():

@@ -1,31 +1,15 @@
 """The soak's own sums, and that it would notice."""
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations import soak
-from lab.operations.soak import ChildError, Minute, SoakLog, allocated_kb, figures
-
-
-def test_what_a_process_allocates_is_counted() -> None:
-    assert 10_000.0 < allocated_kb(os.getpid()) < 10_000_000.0
-
-
-def test_leaving_active_is_counted_by_its_reason() -> None:
-    heard = SoakLog()
-    for state, reason in (("READY", ""), ("ACTIVE", "engaged"), ("PILOT", "a stick"), ("ACTIVE", "engaged")):
-        record = telemetry.Supervisor(
-            t_s=1.0, boot_s=1.0, state=state, conditions=(), authority=0.0, reason=reason
-        )
-        heard.take("holdfast/soak/supervisor", msgspec.json.encode(record))
-    assert heard.let_go == {"a stick": 1}
+from lab.operations.soak import ChildError, Minute, SoakLog, figures
 
 
 def _minute(number: int) -> Minute:

@@ -11,7 +11,7 @@ import pytest
 
 from holdfast import RefusedError
 from lab.options import add_out
-from lab.study import Journal, Study, by, known, ruled, start
+from lab.study import Journal, Study, ruled, start
 
 
 class Roll(NamedTuple):
@@ -109,11 +109,3 @@ def test_rows_of_two_recipes_do_not_mix(tmp_path):
     with pytest.raises(RefusedError, match="another configuration"):
         Journal(path, ("number",), {"recipe": "b"}, keeps_rows=True)
     assert not Journal(path, ("number",), {"recipe": "b"}, keeps_rows=False).rows
-
-
-def test_rows_are_grouped_in_the_order_in_which_they_come():
-    rows = [{"a": a, "b": b} for a, b in ((2, 1), (1, 1), (2, 3))]
-    assert [*by(rows, "a")] == [(2,), (1,)]
-    assert by(rows, "a", "b")[2, 3] == [rows[2]]
-    with pytest.raises(RefusedError, match="no such row: c; there are a, b"):
-        known(["a", "c"], "ab", "row")

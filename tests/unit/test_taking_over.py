@@ -128,17 +128,6 @@ def test_a_degree_of_freedom_that_this_kind_did_not_serve_is_seeded():
     assert sample.d_hat[3] == pytest.approx(last.d_hat[3], rel=0.2)
 
 
-def test_an_accelerating_path_is_met_where_the_command_acts():
-    c = at_rest()
-    for k in range(200):
-        t_s = k * TICK_S
-        path = ((0.0, 0.0, z, 0.0) for z in (0.05 * t_s**2, 0.1 * t_s, 0.1))
-        sample = tick(c, state(), Setpoint(*path))
-    ahead_s = t_s + state().ahead_s
-    assert sample.x_d_dot[2] == pytest.approx(0.1 * ahead_s, abs=2e-3)
-    assert sample.x_d[2] == pytest.approx(0.05 * ahead_s**2, abs=2e-3)
-
-
 def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
     gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.1, d_hat_tolerated_s=0.35)
     half = (4.0 * 0.5**0.6, 8.0 * 0.5**1.4, 0.25, 0.5)

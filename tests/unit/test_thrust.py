@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from companion.core.allocation import (
-    FACTORS,
     PUSH,
     allocate,
     axes_from_motors,
@@ -81,19 +80,6 @@ def test_each_axis_alone_has_its_sign_and_reaches_the_vehicle(frame, vehicle, ax
         assert given[axis] == pytest.approx(tau[axis], rel=0.05)
         others = np.delete(given / ENVELOPE, axis)
         np.testing.assert_allclose(others, 0.0, atol=0.01)
-
-
-def test_heave_is_exact_because_all_its_motors_do_the_same(vehicle):
-    for newtons in (-50.0, -5.0, -0.5, 0.5, 5.0, 50.0):
-        axes, _ = vehicle.allocate([0.0, 0.0, newtons, 0.0])
-        assert vehicle.delivered(axes)[2] == pytest.approx(newtons, rel=0.02, abs=0.1)
-
-
-def test_up_takes_more_demand_than_down(vehicle):
-    """A T200 pushes less in reverse; the vertical ones push down when driven forward."""
-    down, up = (vehicle.allocate([0.0, 0.0, newtons, 0.0])[0][2] for newtons in (60.0, -60.0))
-    assert down > 0.0 > up
-    assert -up > 1.1 * down
 
 
 def test_the_dead_band_is_jumped(vehicle):
@@ -173,18 +159,6 @@ def test_axes_from_motors_undoes_the_firmwares_mixing(frame, vehicle):
         pwm = motor_pwm(mix(frame, (0.0, 0.0, yaw, -heave, surge, sway)), [1.0] * count)
         motors = tuple((us - 1500.0) / 400.0 for us in pwm)
         np.testing.assert_allclose(axes_from_motors(vehicle.thrusters, motors)[:4], axes, atol=2.0 / 400.0)
-
-
-@pytest.mark.parametrize("tilts", [False, True])
-def test_axes_from_motors_is_the_pseudo_inverse_of_the_factors(frame, tilts):
-    """As NumPy inverts those of the axes that are ours; `vectored` cannot pitch."""
-    ours = list(range(4 + tilts * (2 if frame == "vectored_6dof" else 1)))
-    one = thrusters(frame, UNBOUNDED, tilts)
-    rng = np.random.default_rng(3)
-    for demands in rng.uniform(-1.0, 1.0, (20, one.motor_count)):
-        expected = np.zeros(6)
-        expected[ours] = np.linalg.pinv(np.array(FACTORS[frame])[:, ours]) @ demands
-        np.testing.assert_allclose(axes_from_motors(one, tuple(demands.tolist())), expected, atol=1e-12)
 
 
 def test_a_wrench_that_is_no_number_gives_no_number_on_its_axes(vehicle):
