@@ -30,6 +30,14 @@ def diving(*plant, pilot=False, range_s=0.3, **setpoint):
     return dive
 
 
+@shared
+def two_metres_over_ground():
+    dive = diving()
+    dive.engine.guide(Goto(altitude_m=2.0))
+    dive.run(4.0)
+    return dive
+
+
 def altitudes(steps, bottom_m=lambda eta: 6.0):
     return np.array([bottom_m(step.truth.eta) - step.truth.eta[Z] for step in steps])
 
@@ -47,20 +55,18 @@ def test_it_goes_to_an_altitude_and_tells_it():
     assert dive.run(0.1)[-1].sample.guided.altitude_m == 0.0
 
 
-@pytest.mark.parametrize(("delay_s", "range_s"), [(0.0, 0.3), (0.8, 0.8)])
-def test_a_range_that_comes_late_does_not_make_it_oscillate(delay_s, range_s):
-    dive = diving(f"sensors.range_delay_s={delay_s}", range_s=range_s)
+def test_a_range_that_comes_late_does_not_make_it_oscillate():
+    dive = diving("sensors.range_delay_s=0.8", range_s=0.8)
     dive.engine.guide(Goto(altitude_m=1.0))
-    steps = dive.run(40.0)
+    steps = dive.run(28.0)
     assert altitudes(steps).min() > 0.95
-    assert altitudes(steps)[-1000:] == pytest.approx(1.0, abs=0.04)
+    assert altitudes(steps)[-500:] == pytest.approx(1.0, abs=0.04)
 
 
-@pytest.mark.parametrize(("delay_s", "range_s"), [(0.0, 0.3), (0.8, 0.8)])
-def test_a_path_over_a_slope_keeps_its_altitude(delay_s, range_s):
+def test_a_path_over_a_slope_keeps_its_altitude_by_a_range_that_comes_late():
     slope = 0.15
-    slopes = (f"seabed.slope=[{-slope},0]", "sensors.dvl=true", f"sensors.range_delay_s={delay_s}")
-    dive = diving(*slopes, range_s=range_s, x=0.0, y=0.0)
+    slopes = (f"seabed.slope=[{-slope},0]", "sensors.dvl=true", "sensors.range_delay_s=0.8")
+    dive = diving(*slopes, range_s=0.8, x=0.0, y=0.0)
     places = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=4.0, y_m=0.0))
     plan = PathPlan(waypoint=places, altitude_m=2.0, speed_mps=0.3, acceleration_mps2=0.2, heading="keep")
     dive.engine.guide(build(plan, limits(dive.engine.config)))
@@ -75,12 +81,9 @@ def test_a_path_over_a_slope_keeps_its_altitude(delay_s, range_s):
     "fault", [Fault(kind="range_out"), Fault(kind="range_false", value=0.4, duration_s=0.8)]
 )
 def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
-    dive = diving()
-    dive.engine.guide(Goto(altitude_m=2.0))
-    dive.run(4.0)
-    lost_s = dive.vehicle.time_s
-    dive.vehicle.inject(Fault(kind=fault.kind, value=fault.value, duration_s=fault.duration_s, at_s=lost_s))
-    steps = dive.run(5.0)
+    dive = two_metres_over_ground()
+    dive.fault(fault.kind, fault.duration_s, value=fault.value)
+    steps = dive.run(4.0)
     assert altitudes(steps) == pytest.approx(2.0, abs=0.04)
     warned = [bool(step.sample.verdict.warnings & Condition.GROUND_LOST) for step in steps]
     assert any(warned[55:]) is (fault.kind == "range_out")
@@ -100,20 +103,22 @@ def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
     ids=lambda fault: f"{fault.kind} {fault.value:g}",
 )
 def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
-    """From 2 m over the ground to an altitude of 1 m; the range is sound again after 25 s.
+    """From 2 m over the ground to an altitude of 1 m; two of the ranges are sound again after a while.
 
     Without an answer it goes no deeper than half the range of before, and the nod.
     """
     dive = diving()
-    dive.fault(fault.kind, 25.0, value=fault.value, message=fault.message)
+    dive.fault(fault.kind, 19.5, value=fault.value, message=fault.message)
     dive.run(3.5)
     dive.engine.guide(Goto(altitude_m=1.0))
-    steps = dive.run(21.0)
+    steps = dive.run(16.0)
     doubted = [Condition.GROUND_DOUBTED in step.sample.verdict.warnings for step in steps]
     assert 2.0 - 1.0 - NOD_M < altitudes(steps).min() <= altitudes(steps).max() < 3.9
     assert all(doubted[600:])
-    assert np.ptp(altitudes(steps)[-400:]) < 0.25
-    steps = dive.run(40.0)
+    assert np.ptp(altitudes(steps)[-200:]) < 0.25
+    if fault.kind not in ("message_frozen", "range_scaled"):
+        return
+    steps = dive.run(30.0)
     assert np.abs(np.diff(altitudes(steps))).max() < 0.6 * 0.02
     assert altitudes(steps)[-100:] == pytest.approx(1.0, abs=0.05)
     assert not steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
@@ -121,12 +126,10 @@ def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
 
 @pytest.mark.parametrize("quality", [1.0, 2.0, 50.0])
 def test_a_range_of_a_weak_signal_is_none(quality):
-    dive = diving()
-    dive.engine.guide(Goto(altitude_m=2.0))
-    dive.run(3.0)
+    dive = two_metres_over_ground()
     dive.fault("range_quality", value=quality)
     dive.fault("range_false", value=0.6)
-    steps = dive.run(8.0)
+    steps = dive.run(4.0)
     assert altitudes(steps) == pytest.approx(2.0, abs=0.04)
     assert steps[-1].sample.verdict.warnings & Condition.GROUND_LOST
 
@@ -136,9 +139,9 @@ def test_a_range_that_sticks_while_a_slope_is_followed_is_doubted():
     places = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=30.0, y_m=0.0))
     plan = PathPlan(waypoint=places, altitude_m=1.5, speed_mps=0.3, acceleration_mps2=0.2, heading="keep")
     dive.engine.guide(build(plan, limits(dive.engine.config)))
-    dive.run(12.0)
+    dive.run(10.0)
     dive.fault("range_answers", value=0.0)
-    steps = dive.run(40.0)
+    steps = dive.run(30.0)
     assert altitudes(steps, lambda eta: 6.0 + 0.15 * eta[0]).min() > 0.6
     assert steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
 
@@ -164,7 +167,7 @@ def test_the_pilots_stick_changes_the_altitude():
     dive.cockpit.push(heave=0.8)
     dive.run(2.0)
     dive.cockpit.push()
-    steps = dive.run(5.0)
+    steps = dive.run(4.0)
     kept_m = steps[-1].sample.guided.altitude_m
     assert 0.9 < kept_m < 1.8
     assert altitudes(steps)[-50:] == pytest.approx(kept_m, abs=0.05)

@@ -32,15 +32,15 @@ FREE = math.nan
 
 @dataclass(frozen=True)
 class Case:
-    """One dive from 1 m and heading 0 to `goal` (NED, NaN: stay), and what must hold from `settled_s` on."""
+    """One dive from 2.4 m, heading 0, to `goal` (NED, NaN: stay), and what must hold from `settled_s` on."""
 
     goal: tuple[float, float, float, float] = (FREE, FREE, 3.0, 0.5)
     vehicle: tuple[str, ...] = ()
     companion: tuple[str, ...] = ()
     file: Path = HEAVY
     link: LinkDelay = LinkDelay()  # noqa: RUF009 - frozen
-    settled_s: float = 16.0
-    duration_s: float = 28.0
+    settled_s: float = 10.0
+    duration_s: float = 21.0
     depth_rms_mm: float = 6.0
     depth_peak_mm: float = 20.0
     heading_rms_deg: float = 0.7
@@ -51,7 +51,7 @@ class Case:
 @cache
 def fly(case: Case, seed: int = 1) -> list[Step]:
     """Return the steps of a dive, dived once in a process: nobody changes them."""
-    plant = load_plant(case.file, ("initial.eta=[0,0,1,0,0,0]", *case.vehicle))
+    plant = load_plant(case.file, ("initial.eta=[0,0,2.4,0,0,0]", *case.vehicle))
     with engaging(load_config(overrides=case.companion), plant, Setpoint(case.goal), seed, case.link) as loop:
         return list(loop.run(case.duration_s))
 
@@ -73,15 +73,14 @@ HOMELESS = ("sensors.barometer_without_home=true", "sensors.pressure_white_m=0.0
 CASES = {
     "calm water, across the wrap of the heading": Case(
         goal=(FREE, FREE, 3.0, -3.0),
-        vehicle=("initial.eta=[0,0,1,0,0,3.0]",),
+        vehicle=("initial.eta=[0,0,2.4,0,0,3.0]",),
         depth_rms_mm=5.0,
         heading_rms_deg=0.3,
     ),
-    "waves": Case(vehicle=("waves.enabled=true",)),
-    "half a knot of current": Case(vehicle=("current.speed_m_s=0.25",)),
+    "waves and half a knot of current": Case(vehicle=("waves.enabled=true", "current.speed_m_s=0.25")),
     "load hung on": Case(
-        vehicle=("load.enabled=true", "load.on_s=14.0", "load.off_s=36.0"),
-        duration_s=44.0,
+        vehicle=("load.enabled=true", "load.on_s=10.0", "load.off_s=25.0"),
+        duration_s=32.0,
         depth_rms_mm=10.0,
         depth_peak_mm=50.0,
     ),
@@ -110,7 +109,8 @@ CASES = {
     "all four with a DVL, turned round": Case(
         goal=(-0.5, 0.4, 3.0, 2.8),
         vehicle=("sensors.dvl=true", "waves.enabled=true"),
-        settled_s=20.0,
+        settled_s=14.0,
+        duration_s=24.0,
         position_rms_m=0.06,
     ),
     "at a steel quay: tide, cable, DVL with outages, USBL, a disturbed compass": Case(
@@ -124,6 +124,8 @@ CASES = {
     "ArduSub 4.5 without a home, 50 ms more delay each way": Case(
         vehicle=("waves.enabled=true", *HOMELESS),
         link=LinkDelay(up_s=0.05, down_s=0.05),
+        settled_s=14.0,
+        duration_s=28.0,
         depth_rms_mm=9.0,
         depth_peak_mm=28.0,
         chatter_n=4.5,
@@ -155,12 +157,11 @@ def test_holds(name: str) -> None:
         assert rms(np.hypot(eta[:, 0] - goal[X], eta[:, 1] - goal[Y])) <= case.position_rms_m
 
 
-@pytest.mark.parametrize(("i", "rms_mm"), [(0, 6.5), (3, 6.0)])
-def test_holds_a_vehicle_of_the_ensemble(i: int, rms_mm: float) -> None:
-    scenario = replace(four(7)[i], duration_s=SETTLE_S + 24.0)
+def test_holds_a_vehicle_of_the_ensemble() -> None:
+    scenario = replace(four(7)[3], duration_s=SETTLE_S + 15.0)
     recorded = dive(scenario, load_config(), load_plant(HEAVY), LinkDelay())
     assert recorded.active[recorded.t_s > SETTLE_S].all()
-    assert recorded.figures()["depth_rms_mm"] <= rms_mm
+    assert recorded.figures()["depth_rms_mm"] <= 6.0
 
 
 @pytest.mark.parametrize(
@@ -168,11 +169,11 @@ def test_holds_a_vehicle_of_the_ensemble(i: int, rms_mm: float) -> None:
     [("none", 3.0, math.inf), ("network", -2.0, 2.0), ("observer", -2.0, 2.0)],
 )
 def test_the_compensator_takes_a_load_off_the_law(compensator: str, least_mm: float, most_mm: float) -> None:
-    """Without it a hung load leaves a steady error of weight/(m λ κ); with it none."""
+    """Without it a hung load leaves a steady error of weight/(m λ κ), which the law sees; with it none."""
     case = CASES["load hung on"]
     if compensator != "network":
-        case = replace(case, companion=(f'heave.compensator="{compensator}"',), duration_s=36.0)
-    steady_mm = 1e3 * np.mean([step.truth.eta[2] - 3.0 for step in fly(case) if 24.0 < step.t_s < 36.0])
+        case = replace(case, companion=(f'heave.compensator="{compensator}"',), duration_s=25.0)
+    steady_mm = 1e3 * np.mean([step.sample.dofs.e[Z] for step in fly(case) if 18.0 < step.t_s < 25.0])
     assert least_mm < steady_mm < most_mm
 
 
@@ -187,9 +188,9 @@ def test_delays_are_measured_and_their_sum_is_right() -> None:
 
 
 def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
-    """The same 120 ms, hidden from the companion by cutting TIMESYNC and the echo: once a limit cycle."""
+    """The same 90 ms, hidden from the companion by cutting TIMESYNC and the echo: once a limit cycle."""
     stopped = (f'{{kind="message_stopped", message="{name}"}}' for name in ("TIMESYNC", "SERVO_OUTPUT_RAW"))
-    known = Case(vehicle=("waves.enabled=true",), link=LinkDelay(up_s=0.061, down_s=0.061))
+    known = CASES["40 ms more delay each way, measured"]
     hidden = replace(known, vehicle=(*known.vehicle, f"faults=[{', '.join(stopped)}]"))
     assert fly(hidden)[-1].sample.state.delays.hidden_s > 0.03
     blind_n, known_n = (
@@ -200,24 +201,24 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
 
 
 def test_eighty_milliseconds_more_in_mid_dive_are_no_limit_cycle() -> None:
-    """40 ms more each way from 20 s on, in waves: mostly known within 3 s, and held as well as ever after."""
-    case = Case(vehicle=("waves.enabled=true",), link=LinkDelay(change_s=(20.0, 0.04)), duration_s=45.0)
+    """40 ms more each way from 12 s on, in waves: mostly known within 3 s, and held as well as ever after."""
+    case = Case(vehicle=("waves.enabled=true",), link=LinkDelay(change_s=(12.0, 0.04)), duration_s=34.0)
     steps = fly(case)
-    thrust = np.array([step.sample.delivered[Z] for step in steps if step.t_s >= 20.0])
-    delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (19.9, 23.0, 40.0)}
-    assert delay_s[23.0] > delay_s[19.9] + 0.05
-    assert delay_s[40.0] == pytest.approx(delay_s[19.9] + 0.08, abs=0.02)
+    thrust = np.array([step.sample.delivered[Z] for step in steps if step.t_s >= 12.0])
+    delay_s = {at_s: steps[round(50 * at_s)].sample.state.delays.total_s for at_s in (11.9, 15.0, 32.0)}
+    assert delay_s[15.0] > delay_s[11.9] + 0.05
+    assert delay_s[32.0] == pytest.approx(delay_s[11.9] + 0.08, abs=0.02)
     assert rms(np.diff(thrust)) < 4.0
     error_m = np.array([step.truth.eta[2] - 3.0 for step in steps])
     times_s = np.array([step.t_s for step in steps])
-    assert np.abs(error_m[times_s >= 20.0]).max() < 0.03
-    assert rms(error_m[times_s >= 32.0]) < 0.006
+    assert np.abs(error_m[times_s >= 12.0]).max() < 0.03
+    assert rms(error_m[times_s >= 24.0]) < 0.006
 
 
 def test_same_seed_same_samples() -> None:
-    waves = CASES["waves"]
-    short = replace(waves, duration_s=8.0)
-    first, second, other = fly(waves)[:400], fly(short), fly(short, seed=2)
+    waves = CASES["waves and half a knot of current"]
+    short = replace(waves, duration_s=4.0)
+    first, second, other = fly(waves)[:200], fly(short), fly(short, seed=2)
     assert [repr(step.sample) for step in first] == [repr(step.sample) for step in second]
     assert [repr(step.sample) for step in first] != [repr(step.sample) for step in other]
 
