@@ -32,14 +32,6 @@ def test_a_variable_of_a_label_is_put_in():
     assert given == set(re.findall(r"\$(\w+)", "".join(LABELS.values())))
 
 
-def test_the_stores_metadata_are_complete():
-    store = ROOT / "blueos" / "store"
-    metadata = json.loads((store / "holdfast" / "metadata.json").read_text())
-    assert metadata.keys() == {"name", "website", "docker", "description"}
-    for logo in ("company_logo.png", "holdfast/extension_logo.png"):
-        assert (store / logo).read_bytes().startswith(b"\x89PNG")
-
-
 def test_the_page_and_the_volume_are_those_of_the_program():
     permissions, host = (found := json.loads(LABELS["permissions"])), found["HostConfig"]
     port = re.findall(r"^PORT = (\d+)", (ROOT / "blueos" / "start.py").read_text(), flags=re.MULTILINE)[0]
@@ -54,9 +46,3 @@ def test_the_image_gets_what_the_dockerfile_copies_and_nothing_else():
     ignored = (ROOT / "blueos" / "Dockerfile.dockerignore").read_text().split()
     assert ignored[0] == "*"
     assert {f"!{name}" for name in copied} == set(ignored[1:])
-
-
-def test_pip_gets_no_option_by_its_environment_that_a_build_inherits():
-    """PIP_NO_DEPS took from the build of msgspec, which armhf needs, what its own tools depend on."""
-    assert "PIP_NO_DEPS" not in TEXT
-    assert re.findall(r"bin/pip (?:install|download) (\S+)", TEXT) == 3 * ["--no-deps"]

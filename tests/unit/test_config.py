@@ -73,6 +73,7 @@ def test_the_nominal_model_is_wrong_on_purpose():
         ("vehicle.frame=octo", ["vehicle.frame", "octo"]),
         ("vehicle.name='a/b'", ["vehicle.name", "a/b"]),
         ("heave.compensator=magic", ["heave.compensator", "magic"]),
+        ("heave.law=none", ["heave.law = 'none'", "must be one of"]),
         ("telemetry.allow_control=yes", ["telemetry.allow_control", "yes", "local", "always", "never"]),
         ("fence.depth_m=[5.0, 1.0]", ["fence.depth_m = [5, 1]", "the first must be less"]),
         ("heave=5", ["heave", "5"]),

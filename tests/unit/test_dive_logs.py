@@ -244,18 +244,6 @@ def test_a_ros_bag_is_refused_with_what_to_do_instead(name, tmp_path):
         commands.identify(["--from", str(path)])
 
 
-@pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.02])
-def test_one_that_is_cut_short_or_empty_says_so_in_one_line(name, share, tmp_path):
-    path = WRITERS[name](SHORT, tmp_path / name)
-    data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(RefusedError) as refused:
-        commands.identify(["--test", str(path), "--vehicle", "heavy"])
-    assert "\n" not in str(refused.value)
-    assert str(path) in str(refused.value)
-
-
 @pytest.mark.parametrize("writer", [write_tlog, write_dataflash, write_csv])
 def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)

@@ -1,7 +1,6 @@
 """The delay that no stamp shows: found where it is, not found where it is not, and never at rest."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +11,7 @@ from companion.core import observers
 from companion.core.hidden_delay import LARGEST_S, start, step
 from companion.core.observer import Push, Sample
 from companion.estimation.observer_design import Noise, observer_parameters
-from lab.batch.simulate import simulate
-from lab.batch.stand_in import Links
-from lab.loop.scenarios import four
-from sim_bridge.config import load_config as load_plant
 
-CONFIG = load_config()
-PLANT = load_plant(Path(__file__).parents[2] / "config" / "sim.toml")
 M, DRAG, LAG_S, DT_S = 28.0, 30.0, 0.15, 0.02
 NOISE = Noise(0.0006, 0.0008, 0.003, 0.004, 1.0, slow_time_s=0.8)
 PARAMETERS = observer_parameters(M, DRAG, LAG_S, NOISE, DT_S)
@@ -60,16 +53,6 @@ def test_what_was_not_measured_teaches_nothing():
             PARAMETERS, state, Push(10.0 * (tick % 2), M, DRAG, DT_S), 1.0, Sample(math.nan, math.nan)
         )
     assert state.hidden_s == 0.03
-
-
-@pytest.mark.compiles
-@pytest.mark.parametrize(("hidden_s", "least_s", "most_s"), [(0.0, 0.0, 0.015), (0.04, 0.02, 0.05)])
-def test_in_the_loop_it_finds_part_of_it_and_nothing_where_nothing_is(hidden_s, least_s, most_s):
-    dives = [four(seed)[1] for seed in range(8)]
-    plants = [one.plant(PLANT, one.seed) for one in dives]
-    links = Links(up_s=0.001 + hidden_s, untold_up_s=hidden_s)
-    found = simulate(CONFIG, plants, dives[0].target, dives[0].duration_s, range(8), links)
-    assert least_s <= found["hidden_s"].mean() <= most_s
 
 
 def test_a_delay_that_the_vehicles_file_knows_is_where_it_begins():

@@ -20,7 +20,6 @@ from companion.core.levelling import (
     rested,
     step,
 )
-from companion.mavlink.encode import Commands
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.config import load_config as load_plant
@@ -239,16 +238,6 @@ def test_guard_keeps_roll_and_pitch_below_what_tumbles_it_and_at_zero_unless_lev
     assert (sent.heave, sent.roll, sent.pitch) == (1.0, 0.0, 0.0)
     assert guard(AxisCommand(roll=math.nan), ACTIVE, NEUTRAL, Envelope(1.0, 1.0, 0.4), 0.02) == NEUTRAL
     assert guard(wild, ACTIVE, NEUTRAL, Envelope(1.0, 5.0, 0.4), 0.02).roll == pytest.approx(0.1)
-
-
-def test_on_the_wire_they_are_channels_1_and_2_or_s_and_t():
-    command = AxisCommand(roll=0.1, pitch=-0.2)
-    override = Commands().rc_override(command, tilts=True)
-    assert (override.chan1_raw, override.chan2_raw) == (1420, 1540)
-    untouched = Commands().rc_override(command)
-    assert (untouched.chan1_raw, untouched.chan2_raw) == (65535, 65535)
-    sticks = Commands().manual_control(command, 0.5, 1.0)
-    assert (sticks.s, sticks.t) == (-80, 40)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from companion.mavlink.ardusub import QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
-from companion.records import Depth, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
@@ -143,16 +143,6 @@ def test_it_is_asked_for_until_it_is_reported_and_again_after_a_reboot(dive, mes
     dive.step(Reboot(dive.now_s))
     assert getattr(dive.upkeep, name) is None
     assert dive.asked(message_id)
-
-
-def test_a_reboot_makes_everything_be_asked_anew(dive):
-    dive.step(beat(0.0), Depth(0.0, 100.0, 1.0), Parameter(0.0, "FS_PILOT_INPUT", 2.0))
-    dive.now_s = 0.3
-    assert not [m for m in dive.step(Depth(0.3, 99.7, 1.0)) if wire.name(m) == "COMMAND_LONG"]
-    assert dive.upkeep.parameters
-    out = dive.step(Reboot(1.0))
-    assert [m for m in out if wire.name(m) == "COMMAND_LONG"]
-    assert not dive.upkeep.parameters
 
 
 def test_a_vehicle_that_returns_is_asked_anew_and_a_lost_one_is_left_alone(dive):

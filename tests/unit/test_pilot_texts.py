@@ -1,6 +1,5 @@
 """Which words reach the pilot's ground station, how often and in which pieces."""
 
-import math
 from types import SimpleNamespace
 
 import pytest
@@ -9,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.codec import Packer
 from companion.mavlink.pilot_display import MOST, MOST_S, PilotDisplay
-from companion.records import Condition, Guided, PilotAction, PilotCommand, PilotHeartbeat, State
+from companion.records import Condition, Guided, PilotHeartbeat, State
 from companion.telemetry.schemas import Event
 
 C = Condition
@@ -197,47 +196,3 @@ def test_a_ground_station_that_comes_later_is_told_the_state_and_one_that_stays_
     assert screen.tick(reports=beat, state=State.FAULT, reason="no fresh depth", remedy="look") == [
         (mavlink.MAV_SEVERITY_CRITICAL, "Holdfast FAULT: no fresh depth; to do: look")
     ]
-
-
-def test_numbers_come_twice_a_second_in_names_that_fit():
-    screen = Screen()
-    messages = [
-        message
-        for _ in range(100)
-        for message in screen.heard(state=State.FAULT)
-        if message.get_type() == "NAMED_VALUE_FLOAT"
-    ]
-    last = {message.name: message.value for message in messages}
-    assert last == pytest.approx(
-        {
-            "HfState": 6.0,
-            "HfDepthErr": 0.01,
-            "HfDistN": 1.0,
-            "HfDistE": 2.0,
-            "HfDistD": 3.0,
-            "HfDistYaw": 0.5,
-            "HfReserve": 40.0,
-        }
-    )
-    assert len(messages) == 4 * len(last)
-    assert all(math.isfinite(message.time_boot_ms) for message in messages)
-
-
-@pytest.mark.parametrize(
-    ("action", "sample", "result"),
-    [
-        (PilotAction.ENGAGE, {}, mavlink.MAV_RESULT_ACCEPTED),
-        (PilotAction.ENGAGE, {"refused": "it is disarmed"}, mavlink.MAV_RESULT_TEMPORARILY_REJECTED),
-        (PilotAction.RELEASE, {}, mavlink.MAV_RESULT_ACCEPTED),
-        (PilotAction.HOLD, {}, mavlink.MAV_RESULT_ACCEPTED),
-        (PilotAction.HOLD, {"engaged": False}, mavlink.MAV_RESULT_TEMPORARILY_REJECTED),
-        (None, {}, mavlink.MAV_RESULT_UNSUPPORTED),
-    ],
-)
-def test_a_command_is_answered(action, sample, result):
-    [ack] = [
-        message
-        for message in Screen().heard(reports=[PilotCommand(0.0, action)], **sample)
-        if message.get_type() == "COMMAND_ACK"
-    ]
-    assert (ack.command, ack.result) == (mavlink.MAV_CMD_USER_1, result)

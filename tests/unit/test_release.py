@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -10,7 +9,6 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from zipfile import ZipFile
 
-import pytest
 from hatchling.builders.wheel import WheelBuilder
 
 from holdfast import DISTRIBUTION
@@ -62,20 +60,3 @@ def test_an_installation_adds_nothing_but_holdfast_to_the_top_level(tmp_path: Pa
     said = subprocess.check_output(command, text=True, cwd=tmp_path, env={**os.environ, **environment})
     assert said.startswith(str(site / "holdfast" / "companion"))
     assert "six thrusters" in said, "config/ is there"
-
-
-@pytest.mark.parametrize(
-    ("tag", "sections", "said"),
-    [
-        ("v1.2.3", "## [1.2.3] - 2026-01-01\n- now\n\n## [1.2.2]\n- before\n", (0, "- now\n", "")),
-        ("v1.2.2", "", (1, "", "pyproject.toml has another version than v1.2.2\n")),
-        ("v1.2.3", "", (1, "", "CHANGELOG.md has no section '## [1.2.3]'\n")),
-    ],
-)
-def test_the_notes_are_the_section_of_the_version(tmp_path: Path, tag, sections, said) -> None:
-    (tmp_path / ".ci").mkdir()
-    (tmp_path / "pyproject.toml").write_text('version = "1.2.3"\n')
-    (tmp_path / "CHANGELOG.md").write_text(f"# Changelog\n\n## [Unreleased]\n- later\n\n{sections}")
-    script = shutil.copy(ROOT / ".ci" / "notes", tmp_path / ".ci")
-    done = subprocess.run([script, tag], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == said

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -90,20 +89,3 @@ def test_the_first_python_that_fits_is_taken_and_none_is_refused_in_words(make, 
     assert "new: Python 3.15.0" in said
     assert make(f"PYTHONS=nowhere {new} {fits}")[0] == 0
     assert (tmp_path / ".venv" / "bin" / "made-by").read_text() == fits
-
-
-def test_a_venv_is_made_anew_for_another_python_and_only_then(make, tmp_path):
-    one, other = pretend(tmp_path / "one", (3, 12)), pretend(tmp_path / "other", (3, 13))
-    made = tmp_path / ".venv" / "bin" / "made-by"
-    anew = "Setting up .venv"
-    for arguments, says, by in [
-        ([f"PYTHONS={one}"], anew, one),
-        ([f"PYTHONS={one}"], "up to date", one),
-        ([f"PYTHONS={other}"], anew, other),
-        ([], "up to date", other),  # whichever it is, it stays
-    ]:
-        status, said = make(*arguments)
-        assert (status, made.read_text()) == (0, by), shlex.join(arguments)
-        assert says in said
-    (tmp_path / ".venv" / "bin" / "python").unlink()
-    assert anew in make(f"PYTHONS={one}")[1], "its Python has gone"

@@ -12,7 +12,6 @@ from companion.config import load_config
 from companion.core.tilt import (
     CUT,
     FAST_N_PER_S,
-    LEAST_PACE,
     LEVEL_RAD,
     SLOW_N_PER_S,
     STEEP_RAD,
@@ -21,9 +20,7 @@ from companion.core.tilt import (
     body_force,
     coming_tilt,
     level_force,
-    pace,
     share,
-    slowed,
     start,
     step,
 )
@@ -130,23 +127,6 @@ def test_a_wave_that_tilts_a_levelled_vehicle_leaves_the_force_that_holds_a_curr
     after(found, 10.0, tilt=0.05, pushed_n=12.0)
     after(found, 0.6, tilt=math.radians(17.0), pushed_n=12.0)
     assert after(found, TICK_S, tilt=0.05) > 11.5
-
-
-def test_what_saturates_is_slowed_and_comes_back():
-    now = pace(1.0, False, TICK_S)
-    assert now == 1.0
-    for _ in range(500):
-        now = pace(now, True, TICK_S)
-    assert now == LEAST_PACE
-    for _ in range(500):
-        now = pace(now, False, TICK_S)
-    assert now == 1.0
-
-
-def test_a_tilt_slows_and_stops_nothing():
-    assert slowed(1.0, 0.5) == 0.5
-    assert slowed(0.3, 0.5) == 0.3
-    assert slowed(1.0, 0.0) == LEAST_PACE
 
 
 def test_a_levelled_vehicle_that_tilted_once_soon_pushes_against_a_current_again():

@@ -18,7 +18,7 @@ from companion.records import (
     PilotInput,
     Reboot,
 )
-from companion.supervision.handover import REFUSED_S, SETTLE_S, HandOver, HandOverStep
+from companion.supervision.handover import HandOver, HandOverStep
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
 from companion.supervision.situation import Observation
 from companion.telemetry.modes import Mode
@@ -181,25 +181,6 @@ class Handing:
         return self.hand_over.wanted
 
 
-@pytest.mark.parametrize("goal", [Mode.ALT_HOLD, Mode.SURFACE])
-def test_ramp_stabilize_a_second_and_then_the_goal(goal):
-    handing = Handing(goal=goal)
-    assert handing.step(Mode.MANUAL, thrusting=True) is HandOverStep.RUNNING
-    assert handing.wanted is None
-    handing.step(Mode.MANUAL)
-    assert handing.wanted is Mode.STABILIZE
-    handing.step(Mode.STABILIZE)
-    handing.step(Mode.STABILIZE, SETTLE_S - 0.01)
-    assert handing.wanted is Mode.STABILIZE
-    handing.step(Mode.STABILIZE, 0.02)
-    assert handing.wanted is goal
-    assert not handing.hand_over.held
-    said = HandOverStep.HELD if goal is Mode.ALT_HOLD else HandOverStep.RUNNING
-    assert handing.step(goal) is said
-    assert handing.wanted is None
-    assert handing.hand_over.held
-
-
 def test_it_is_kept_until_its_time_is_over_or_a_pilot_is_heard():
     handing = Handing()
     assert handing.step(Mode.ALT_HOLD) is HandOverStep.HELD
@@ -208,13 +189,6 @@ def test_it_is_kept_until_its_time_is_over_or_a_pilot_is_heard():
     assert handing.step(Mode.ALT_HOLD, heard_s=held_s + 0.01) is HandOverStep.DONE
     assert handing.step(Mode.ALT_HOLD, 29.9) is HandOverStep.HELD
     assert handing.step(Mode.ALT_HOLD, 0.1) is HandOverStep.DONE
-
-
-def test_refused_after_its_time_and_not_before():
-    handing = Handing()
-    assert handing.step(Mode.MANUAL, REFUSED_S - 0.01) is HandOverStep.RUNNING
-    assert handing.step(Mode.MANUAL, 0.02) is HandOverStep.REFUSED
-    assert handing.step(Mode.ALT_HOLD) is HandOverStep.HELD
 
 
 def test_at_the_surface_alt_hold_is_the_firmwares_own_and_deeper_it_is_somebodys():
