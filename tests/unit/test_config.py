@@ -146,12 +146,6 @@ def test_an_override_wins_over_the_file(override, section, key, value):
     assert type(got) is type(value)
 
 
-def test_the_last_of_two_overrides_wins_and_others_stay():
-    config = load_config(overrides=["heave.mass=30", "heave.mass=31.5"])
-    assert config == load_config(overrides=["heave.mass=31.5"])
-    assert config.surge == load_config().surge
-
-
 HEAVY = PRESETS / "heavy.toml"
 
 
@@ -195,11 +189,6 @@ class TestPresets:
         monkeypatch.chdir(Path("/"))
         path.rename(path.with_name("other.toml"))
         assert load_config(edited('"heavy" ', '"other.toml" ')).heave.mass == 31.5
-
-    def test_an_override_wins_over_both_files(self):
-        config = load_config(overrides=["heave.mass=30", "vehicle.preset=bluerov2", "vehicle.frame=vectored"])
-        assert (config.heave.mass, config.vehicle.frame) == (30.0, "vectored")
-        assert config.sway.mass == load_vehicle(PRESETS / "bluerov2.toml").sway.mass
 
     def test_a_file_that_holds_its_vehicle_too_is_taken_as_it_is(self, complete_config):
         assert load_config(complete_config) == load_config()

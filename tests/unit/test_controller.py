@@ -30,13 +30,6 @@ def at_rest(*overrides, where=None):
     return c
 
 
-def test_where_it_is_nothing_is_asked():
-    s = state((1.0, 2.0, 3.0, 0.4))
-    sample = tick(at_rest(where=s), s, Setpoint(s.eta))
-    np.testing.assert_allclose(sample.tau, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(sample.e, 0.0)
-
-
 @pytest.mark.parametrize("dof", range(4))
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_every_degree_of_freedom_is_pulled_back(dof, sign):
@@ -59,14 +52,6 @@ def test_a_heading_error_across_south_is_small():
     sample = tick(c, s, Setpoint((0.0, 0.0, 0.0, 3.1)))
     assert sample.e[3] == pytest.approx(2 * np.pi - 6.2, abs=1e-6)
     assert sample.tau[3] < 0.0
-
-
-def test_what_is_not_engaged_is_not_pushed():
-    c = at_rest()
-    sample = tick(c, state((1.0, 1.0, 1.0, 1.0)), Setpoint((0.0,) * 4), HEAVE_ONLY)
-    assert sample.tau[:2] == (0.0, 0.0)
-    assert all(sample.tau[2:])
-    assert sample.engaged == HEAVE_ONLY
 
 
 def test_tau_is_the_sum_of_its_parts():
@@ -107,14 +92,6 @@ def test_while_the_loop_swings_an_estimate_becomes_thrust_slowly_and_in_the_end_
     np.testing.assert_allclose(settled.mean(0), load, rtol=0.02)
     c.set_gain_scale(1.0)
     np.testing.assert_allclose(tick(c, state(disturbance=-load), Setpoint((0.0,) * 4)).d_hat, -load)
-
-
-def test_without_a_compensator_there_is_none():
-    c = at_rest(*each("none"))
-    for _ in range(200):
-        sample = tick(c, state((0.1,) * 4, disturbance=(5.0,) * 4), Setpoint((0.0,) * 4))
-        np.testing.assert_array_equal(sample.d_hat, 0.0)
-    assert not any(sample.adapting)
 
 
 NETWORK = [*each("network"), *[f"{axis}.learning_rate=5" for axis in ("surge", "sway", "heave", "yaw")]]

@@ -43,13 +43,6 @@ def names(messages):
     return [wire.name(message) for message in messages]
 
 
-def test_others_are_foreign():
-    link = codec()
-    for sender in ((2, 1), (1, 2), PILOT):
-        assert link.decode(0.0, frames(attitude(), sender=sender)[0]) == []
-    assert link.counters.foreign == 3
-
-
 def test_steering_of_others_passes():
     link = codec()
     (mine,) = frames(manual_control(), sender=PILOT)

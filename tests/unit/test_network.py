@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from learner import Learner, drawn, hidden, still
 
-from companion.assembly import hidden_layer
 from companion.core import network
 from companion.core.compensator import INPUTS, Signals, inputs
 from companion.core.law import rov_law
@@ -140,11 +139,6 @@ def test_d_hat_stays_within_d_max_and_comes_back_at_once():
     below = net.step(signals._replace(eps=1.0))
     assert net.learning
     assert net.step(signals._replace(eps=1.0)) < min(below, 5.0)
-
-
-def test_seeds_make_the_hidden_layer():
-    assert hidden_layer(3, 7) == hidden(7, 3) != hidden_layer(4, 7)
-    assert len(hidden_layer(3, 7)) == 7
 
 
 def test_huge_inputs_saturate_and_do_not_overflow():

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from sim_wire import ARM, CALM, CONFIG, Station, override, vehicle
+from sim_wire import CALM, CONFIG, vehicle
 
 from sim_bridge.config import Waves, load_config
 from sim_bridge.physics.body import Physics
@@ -123,25 +123,6 @@ def test_a_fall_on_the_seabed_creates_no_energy():
     assert np.diff(energies).max() < 1e-3 * (energies[0] - energies[-1])
 
 
-def test_load_waits_for_arming_and_shows_in_the_truth():
-    rov = vehicle("load={enabled=true, weight_n=12, on_s=1, off_s=2}", "initial.eta=[0,0,5,0,0,0]")
-    station = Station(rov)
-    station.run(4.0)
-    assert not rov.truth().load_on
-    station.command(ARM, 1).run(1.1, override())
-    assert rov.truth().load_on
-    assert rov.truth().disturbance[2] == pytest.approx(12.0, abs=0.1)
-    station.run(1.0, override())
-    assert not rov.truth().load_on
-
-
 def test_tether_pulls_and_grows_with_depth():
     water = environment("tether={enabled=true, sigma_n=[0,0,0], pull_n=[1,-2,3], heave_n_per_m=0.5, tau_s=2}")
     assert water.step(0, 0, at(4))[0] == pytest.approx((1, -2, 5))
-
-
-def test_switching_one_disturbance_leaves_the_others_as_they_were():
-    both = environment("waves.enabled=true", "tether.enabled=true")
-    one = environment("tether.enabled=true")
-    for t in np.arange(0, 2, DT):
-        assert both.step(t, 0, at(3))[0] == one.step(t, 0, at(3))[0]

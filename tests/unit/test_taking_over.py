@@ -68,14 +68,6 @@ def test_at_rest_nothing_is_carried():
     assert tick(waiting, PUSHED, Setpoint(PUSHED.eta)).d_hat[2] == 0.0
 
 
-def test_the_same_kind_inherits_and_goes_on_learning_at_once():
-    before, last = learnt("network", ticks=110)
-    new = after(before, *heave("network", "heave.kappa_per_s=5"))
-    sample = tick(new, PUSHED, TARGET)
-    assert sample.weight_norm[2] == pytest.approx(last.weight_norm[2], rel=0.2)
-    assert sample.adapting[2]
-
-
 def test_frozen_nothing_is_learnt():
     c, last = learnt("network")
     sample = tick(c, PUSHED, TARGET, verdict=replace(HOLDS, freeze=True))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -78,13 +77,6 @@ def test_what_is_stale_keeps_its_last_value_and_is_named(make_sample: MakeSample
     lost = replace(silent, verdict=replace(silent.verdict, conditions=Condition.LINK_LOST))
     state = telemetry.decode(*_of(samples.encode(lost, "kelp"), "holdfast/kelp/state"))
     assert {"armed", "mode", "system_status", "pilot_gain"} < set(state.absent)
-
-
-def test_numpy_scalars_are_numbers_too(make_sample: MakeSample) -> None:
-    encoded = samples.encode(make_sample(voltage_v=np.float64(15.5), mode=np.int64(2)), "kelp")
-    state = telemetry.decode(*_of(encoded, "holdfast/kelp/state"))
-    assert isinstance(state, telemetry.State)
-    assert (state.voltage_v, state.mode) == (15.5, 2)
 
 
 @given(eta=st.lists(st.floats(), min_size=4, max_size=4), age=st.floats(), reason=st.text())
