@@ -55,14 +55,6 @@ def test_a_vehicle_that_turns_and_pitches_as_it_should_does_not_deviate(
     np.testing.assert_allclose(off, 0.0, atol=1e-12)
 
 
-def test_level_changes_nothing():
-    force = (3.0, -2.0, 7.0)
-    assert attitude.body_force(attitude.HELD_LEVEL, force) == force
-    assert attitude.deviation(attitude.HELD_LEVEL, 0.1, -0.2, 0.3, 0.4, 0.9) == (0.1, -0.2, 0.3, 0.4)
-    assert attitude.roll_moment(attitude.HELD_LEVEL, 0.4, 5.0, 3.0) == 0.0
-    assert attitude.pitch_moment(attitude.HELD_LEVEL, 0.4, 5.0, 3.0) == 0.0
-
-
 def test_what_rights_the_vehicle_is_borne():
     at = held(math.radians(30.0), math.radians(-20.0))
     assert attitude.roll_moment(at, 0.4, 5.7, 0.0) == pytest.approx(5.7 * 0.5 * math.cos(math.radians(20.0)))

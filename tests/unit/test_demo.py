@@ -10,7 +10,6 @@ import pytest
 from msgspec.structs import replace
 
 import holdfast
-from companion.records import Array, Z
 from lab.demo import demo
 from lab.demo.dives import NAMES, dive_holdfast, figures, worth
 from lab.demo.story import Story
@@ -57,10 +56,6 @@ def dive() -> Dive:
     )
 
 
-def _deeper(dive: Dive, by_m: Array) -> Dive:
-    return dataclasses.replace(dive, truth=dive.truth + np.outer(by_m, np.arange(4) == Z))
-
-
 def test_figures_are_those_of_the_dive(dive: Dive) -> None:
     result = figures(dive, PHASES)
     rms_mm = 1e3 * ERROR_M / math.sqrt(2)
@@ -70,14 +65,6 @@ def test_figures_are_those_of_the_dive(dive: Dive) -> None:
     assert result.heading_rms_deg == pytest.approx(2.0)
     assert result.thrust_rms_n == pytest.approx(3.0)
     assert result.chatter_n == pytest.approx(6.0)
-
-
-def test_a_shifted_zero_is_in_the_rms_and_not_about_the_mean(dive: Dive) -> None:
-    shifted = _deeper(dive, np.full_like(dive.t_s, 0.03))
-    plain, about_mean = (figures(shifted, PHASES, about_mean=about) for about in (False, True))
-    assert min(plain.depth_rms_mm, plain.phase_rms_mm["waves"]) > 30.0
-    for about_mm in (about_mean.depth_rms_mm, about_mean.phase_rms_mm["waves"]):
-        assert about_mm == pytest.approx(1e3 * ERROR_M / math.sqrt(2), rel=0.01)
 
 
 def test_what_a_part_is_worth_comes_from_the_figures(dive: Dive) -> None:

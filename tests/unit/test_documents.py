@@ -41,15 +41,6 @@ def test_every_link_leads_somewhere(page):
             assert anchor in anchors(target.resolve()), link
 
 
-def test_every_page_of_the_site_stands_in_its_contents():
-    site = ROOT / "docs"
-    contents = [
-        line for block in FENCE.findall((site / "index.md").read_text()) for line in block.splitlines()
-    ]
-    listed = {page for line in contents if re.match(r"\w", line) for page in site.glob(f"{line}.md")}
-    assert {page for page in site.rglob("*.md") if page.name != "index.md"} == listed
-
-
 @cache
 def options(command):
     """The options that a command's help names."""

@@ -25,7 +25,6 @@ from companion.records import (
     Heartbeat,
     PilotGain,
     Position,
-    Reboot,
     TimeSync,
     X,
     Y,
@@ -140,15 +139,6 @@ def test_late_telemetry_is_brought_up_to_now_and_ahead(up_s, command_s):
     np.testing.assert_allclose(state.eta_dot_ahead, ahead_v, atol=0.03)
 
 
-@pytest.mark.parametrize("every", [5, 10, 20])
-def test_telemetry_that_comes_seldom_does_not_set_it_swinging(every):
-    """A ground station may turn the streams down to 4 Hz: with the Kalman gain of each tick it diverged."""
-    state, vehicle = dive(every=every)
-    q, v = vehicle.at(state.t_s)
-    np.testing.assert_allclose(state.eta, q, atol=0.02)
-    np.testing.assert_allclose(state.eta_dot, v, atol=0.03)
-
-
 @pytest.mark.parametrize("since_s", [0.04, 0.1, 0.16])
 def test_a_command_on_its_way_is_foreseen_and_not_felt_too_early(since_s):
     """80 N of heave sent `since_s` ago, 120 ms of delay: now it moves as it does, ahead as it will."""
@@ -213,37 +203,6 @@ def still(est, since_s, seconds, z):
             now_s, [attitude(now_s), Depth(now_s, now_s + BOOT_S, z), DepthRate(now_s, None, 0.0)]
         )
     return state
-
-
-def test_after_a_gap_a_degree_of_freedom_begins_anew():
-    est = estimator()
-    still(est, START_S, 2.0, 3.0)
-    for k in range(100):
-        est.step(START_S + 2.0 + k * TICK_S, [attitude(START_S + 2.0 + k * TICK_S)])
-    state = still(est, START_S + 4.0, 0.1, 8.0)
-    assert state.eta[Z] == pytest.approx(8.0, abs=0.05)
-    assert state.eta_dot[Z] == pytest.approx(0.0, abs=0.05)
-
-
-def test_a_rebooted_autopilots_clock_is_learnt_anew():
-    est = estimator()
-    still(est, START_S, 3.0, 3.0)
-    state = est.step(START_S + 3.0, [Reboot(START_S + 3.0)])
-    for k in range(100):
-        now_s = START_S + 3.0 + k * TICK_S
-        boot_s = 1.0 + k * TICK_S
-        state = est.step(
-            now_s,
-            [
-                Attitude(now_s, boot_s, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0),
-                Depth(now_s, boot_s, 4.0),
-                DepthRate(now_s, None, 0.0),
-                TimeSync(now_s, now_s - 0.01, boot_s - 0.005),
-            ],
-        )
-    assert state.boot_s == pytest.approx(state.t_s - START_S - 3.0 + 1.0, abs=0.02)
-    assert state.eta[Z] == pytest.approx(4.0, abs=0.02)
-    assert state.eta[PSI] == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.parametrize("stray_s", [-0.4, -0.15, 0.15, 0.4])

@@ -84,15 +84,6 @@ def test_a_datagram_leaves_nothing_behind():
     assert link.counters.garbage == 2
 
 
-def test_a_stream_may_be_cut_anywhere():
-    data = b"".join(frames(attitude(1), attitude(2)))
-    for size in range(1, len(data)):
-        link = codec(stream=True)
-        got = [m for at in range(0, len(data), size) for m in link.decode(0.0, data[at : at + size])]
-        assert [m.time_boot_ms for m in got] == [1, 2]
-        assert link.counters.garbage == 0
-
-
 def test_a_stream_gives_up_a_false_header_that_waits():
     link = codec(stream=True)
     data = FALSE_HEADER + frames(attitude())[0]

@@ -131,6 +131,8 @@ def test_whatever_is_asked_for_live_the_vehicle_goes_on(payload):
 def test_a_parameter_that_ardusub_does_not_have_is_refused_with_the_nearest():
     with pytest.raises(ValueError, match="ArduSub has none of this name; is it FS_PILOT_INPUT or "):
         vehicle("faults=[{kind='parameter', parameter='FS_PILOT_INPT'}]")
+    with pytest.raises(ValueError, match="FS_PILOT_TIMEOUTT"):
+        vehicle("parameters.FS_PILOT_TIMEOUTT=1.0")
 
 
 def test_the_list_names_every_shipped_dive_and_every_fault():

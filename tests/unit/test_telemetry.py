@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from companion.records import DOFS, Ages, Condition, ControlSample
+from companion.records import DOFS, Ages, ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
@@ -64,19 +64,6 @@ def test_what_is_not_finite_is_zero_and_named(make_sample: MakeSample) -> None:
     assert isinstance(state, telemetry.State)
     assert state.absent == ("x_m", "y_m", "roll_rad")
     assert (state.x_m, state.y_m, state.depth_m, state.roll_rad) == (0.0, 0.0, 5.0, 0.0)
-
-
-def test_what_is_stale_keeps_its_last_value_and_is_named(make_sample: MakeSample) -> None:
-    silent = make_sample(stale=(True, False, True, False), voltage_v=float("nan"))
-    state = telemetry.decode(*_of(samples.encode(silent, "kelp"), "holdfast/kelp/state"))
-    assert isinstance(state, telemetry.State)
-    assert state.absent == ("x_m", "x_rate_mps", "depth_m", "depth_rate_mps", "voltage_v")
-    assert (state.x_m, state.depth_m, state.voltage_v) == (1.0, 5.0, 0.0)
-    heave = telemetry.decode(*_of(samples.encode(silent, "kelp"), "holdfast/kelp/dof/z"))
-    assert heave.absent == ("x", "x_dot", "e", "e_dot", "eps", "d_observer")
-    lost = replace(silent, verdict=replace(silent.verdict, conditions=Condition.LINK_LOST))
-    state = telemetry.decode(*_of(samples.encode(lost, "kelp"), "holdfast/kelp/state"))
-    assert {"armed", "mode", "system_status", "pilot_gain"} < set(state.absent)
 
 
 @given(eta=st.lists(st.floats(), min_size=4, max_size=4), age=st.floats(), reason=st.text())

@@ -89,29 +89,12 @@ def test_the_dead_band_is_jumped(vehicle):
     assert not vehicle.delivered([0.0, 0.0, 0.06, 0.0]).any()
 
 
-def test_a_weak_battery_is_made_up_for(vehicle):
-    tau = np.array([10.0, -5.0, 30.0, 1.0])
-    strong, weak = (vehicle.allocate(tau, volts)[0] for volts in (16.0, 13.0))
-    assert abs(weak[2]) > abs(strong[2])
-    np.testing.assert_allclose(vehicle.delivered(weak, 13.0) / ENVELOPE, tau / ENVELOPE, atol=0.03)
-    np.testing.assert_allclose(
-        vehicle.delivered(strong, 13.0), vehicle.delivered(strong) * (13.0 / 16.0) ** 2, rtol=1e-12
-    )
-
-
 def test_delivered_is_what_the_vehicle_gives(frame, vehicle, pytestconfig):
     rng = np.random.default_rng(1)
     for _ in range(30):
         axes = rng.uniform(-1.0, 1.0, 4) * np.array([0.3, 0.3, 0.4, 0.3])
         expected = true_wrench(frame, axes, 15.0, pytestconfig)
         np.testing.assert_allclose(vehicle.delivered(axes, 15.0) / ENVELOPE, expected / ENVELOPE, atol=0.02)
-
-
-def test_more_than_the_configured_force_is_cut_and_reported(frame):
-    vehicle = Frame(frame, (10.0, 10.0, 20.0, 2.0, 1.0, 1.0))
-    axes, saturated = vehicle.allocate([5.0, 0.0, 50.0, 0.0])
-    np.testing.assert_array_equal(saturated, [False, False, True, False])
-    assert vehicle.delivered(axes)[2] == pytest.approx(20.0, rel=0.02)
 
 
 def test_beyond_its_reach_the_place_gives_way_to_the_heading_and_heave_is_as_it_was(vehicle):

@@ -32,10 +32,6 @@ PLANS = {
     "circle": PathPlan(circle=Circle(radius_m=2.0), laps=3),
     "eight": PathPlan(lemniscate=Lemniscate(length_m=4.0, width_m=2.0), acceleration_mps2=0.2),
     "lawn mower": PathPlan(lawn_mower=LawnMower(length_m=20.0, width_m=6.0, spacing_m=1.5)),
-    "lawn mower that stops": PathPlan(
-        lawn_mower=LawnMower(length_m=4.0, width_m=3.0, spacing_m=0.5), corner_m=0.0
-    ),
-    "square": polyline(*SQUARE, closed=True, laps=2),
     "stops": polyline(*SQUARE, closed=True, laps=2, corner_m=0.0),
     "waits": PathPlan(
         waypoint=(
@@ -44,12 +40,11 @@ PLANS = {
             Waypoint(x_m=2.0, y_m=3.0),
         )
     ),
-    "fast": polyline((0.0, 0.0), (30.0, 0.0), (30.0, 9.0), speed_mps=1.0, acceleration_mps2=0.5),
     "slow": polyline((0.0, 0.0), (2.0, 0.0), speed_mps=0.03),
     "short lines": polyline(*((0.3 * i, 0.3 * (i % 2)) for i in range(20))),
 }
 
-STOPS = {"lawn mower that stops", "stops", "waits", "short lines"}
+STOPS = {"stops", "waits", "short lines"}
 
 
 def course(plan):
