@@ -12,6 +12,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -182,7 +183,7 @@ class App:
         self._late_ticks += max(periods - 1, 0)
         if periods > 1:
             for link in self._links:
-                link.read(MAX_LOOKS)
+                self._beside.do("a look at a link", partial(link.read, MAX_LOOKS))
         if periods:
             self._tick(ticker)
 

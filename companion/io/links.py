@@ -212,15 +212,15 @@ class MavlinkLink:
             self.close()
 
     def close(self) -> None:
-        """Close the wire; while `run` goes on, it opens another."""
+        """Close the wire; while `run` goes on, it opens another, even where closing fails."""
+        self._lost.set()
         wire, self._wire = self._wire, None
+        self._unsent.clear()
         if wire is not None:
             loop = asyncio.get_running_loop()
             loop.remove_reader(wire)
             loop.remove_writer(wire)
             wire.close()
-        self._unsent.clear()
-        self._lost.set()
 
     def _is_from_peer(self, now_ns: int, data: bytes, address: tuple[str, int]) -> bool:
         """Tell whether a datagram is the peer's; take its sender as the peer where there is none."""

@@ -100,6 +100,20 @@ async def test_tcp_is_tried_again_until_somebody_listens_and_again_after_a_hang_
 
 
 @in_a_loop
+async def test_a_wire_that_cannot_be_closed_is_replaced_all_the_same(monkeypatch):
+    server = Server(free_port())
+    await server.start()
+    async with linked(f"tcp:127.0.0.1:{server.port}") as (link, _):
+        await until(lambda: link.unsent is not None)
+        with monkeypatch.context() as patch:
+            patch.setattr(asyncio.get_running_loop(), "remove_writer", lambda wire: wire.close() or 1 / 0)
+            with pytest.raises(ZeroDivisionError):
+                link.close()
+        await until(lambda: link.unsent is not None)
+        await server.stop()
+
+
+@in_a_loop
 async def test_a_tcp_peer_that_takes_nothing_costs_no_memory():
     port = free_port()
     with socket.create_server(("127.0.0.1", port)) as server:

@@ -21,7 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.app import App
 from companion.config import load_config
 from companion.engine import Engine
+from companion.io.links import MOST_READ, MavlinkLink
 from companion.io.process import Ticker
+from companion.mavlink.inbox import MAX_LOOKS
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
 from companion.telemetry.commands import SetPath
@@ -379,8 +381,19 @@ def test_a_timer_that_never_fires_ends_the_process(
     assert "has not fired" in caplog.text
 
 
-def test_a_late_tick_reads_first_what_waits_in_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What arrived while the process did not run is judged with the rest, not found missing."""
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_late_tick_reads_first_what_waits_in_the_socket(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, fails: bool
+) -> None:
+    """What arrived while the process did not run is judged with the rest; a look that fails ends no tick."""
+    read = MavlinkLink.read
+
+    def looks(self: MavlinkLink, most: int = MOST_READ) -> None:
+        if fails and most == MAX_LOOKS:
+            raise PanicError("planted")
+        read(self, most)
+
+    monkeypatch.setattr(MavlinkLink, "read", looks)
     port = free_port(socket.SOCK_DGRAM)
     step, taken = Engine.step, []
 
@@ -398,7 +411,8 @@ def test_a_late_tick_reads_first_what_waits_in_the_socket(monkeypatch: pytest.Mo
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as calling:
         calling.connect(("127.0.0.1", port))
         assert ran(f"udp-listen:127.0.0.1:{port}") == 0
-    assert taken[20] == 40
+    assert taken[20] == (0 if fails else 40)
+    assert ("a look at a link failed" in caplog.text) is fails
 
 
 def test_who_only_watched_leaves_without_a_word(vehicle: socket.socket) -> None:
