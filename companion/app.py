@@ -279,9 +279,8 @@ class App:
         return more
 
     def _to_pilot(self, frames: Sequence[bytes]) -> None:
-        link = self._ground or self._link
         for frame in frames:
-            link.send(frame)
+            (self._ground or self._link).send(frame)
 
     @property
     def _parting(self) -> str:

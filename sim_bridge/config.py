@@ -140,9 +140,6 @@ class Seabed(_Record, frozen=True):
     """Where north and east are 0; the waves take it for the depth everywhere."""
     slope: tuple[Slope, Slope] = (0.0, 0.0)
     """By how much it falls for each metre north, and east."""
-    step_m: Annotated[float, Meta(ge=-5, le=5)] = 0.0
-    """By how much it falls where east is step_east_m."""
-    step_east_m: float = 0.0
     stiffness_n_per_m: Annotated[float, Meta(ge=0, le=20000)] = 2000.0
     damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)] = 200.0
     friction: Annotated[float, Meta(ge=0, le=2)] = 0.5
@@ -150,8 +147,7 @@ class Seabed(_Record, frozen=True):
 
     def depth_at(self, north_m: float, east_m: float) -> float:
         """Return how deep the bottom lies at a place (m)."""
-        fallen = self.step_m if east_m > self.step_east_m else 0.0
-        return self.depth_m + self.slope[0] * north_m + self.slope[1] * east_m + fallen
+        return self.depth_m + self.slope[0] * north_m + self.slope[1] * east_m
 
 
 class Tether(_Record, frozen=True):
@@ -192,12 +188,10 @@ class Load(_Record, frozen=True):
 
 
 class HeaveForce(_Record, frozen=True):
-    """A scripted vertical force, positive down: constant + sine + Ornstein-Uhlenbeck."""
+    """A scripted vertical force, positive down: constant + Ornstein-Uhlenbeck."""
 
     enabled: bool = False
     constant_n: float = 0.0
-    sine_n: float = 0.0
-    sine_period_s: Positive = 10.0
     sigma_n: NonNegative = 0.0
     tau_s: Positive = 2.0
 
@@ -218,34 +212,11 @@ class Defects(_Record, frozen=True):
 
 
 class DvlReports(_Record, frozen=True):
-    """Single reports of a DVL, some late and some invalid; the EKF carries its velocity on in between.
-
-    Defaults: a Water Linked A50 in a pool, 1156 reports, github nschang/mr-dvl, commit 6dde9a8.
-    """
+    """Single reports of a DVL, as one was recorded (`physics.dvl`): some late, some invalid."""
 
     enabled: bool = False
-    period_s: Annotated[float, Meta(ge=0.02)] = 0.117
-    period_sigma_s: NonNegative = 0.015
-    late_every: Annotated[int, Meta(ge=2)] = 8
-    """Each eighth or ninth report comes so late after the last:"""
-    late_s: Annotated[float, Meta(ge=0.02)] = 0.39
-    late_sigma_s: NonNegative = 0.07
-    delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.1
-    """Age of a velocity that the EKF takes for new. Assumed: about as long as a ping takes."""
-    outages_per_min: tuple[NonNegative, NonNegative] = (1.7, 22.0)
-    """Of the time in which it measures: on a straight line, and turning at `turning_rad_s` or faster (19.5 of
-    all time); linear between them."""
-    turning_rad_s: Positive = 0.5
-    """Turn rate in the circle. Assumed: the recording has none."""
-    long_share: Fraction = 0.25
-    """Of the outages; the others last for one report."""
-    long_s: Positive = 0.9
-    longest_s: Positive = 1.8
-    """From the first invalid report to the last at most."""
     invalid_passed: Fraction = 0.0
     """Share of invalid reports that somebody passes on as valid. The BlueOS extension drops all."""
-    invalid_sigma_m_s: NonNegative = 0.07
-    """How far off an invalid velocity is."""
     unaided_m_s: NonNegative = 0.005
     """As `SensorConfig.unaided_m_s`, between reports. Assumed: five times the white noise of an ICM-20602."""
 

@@ -133,10 +133,8 @@ class Vehicle:
                 "RC_PROTOCOLS": 1 if config.rc_receiver else 0,
             }
             | (BY_MAVLINK if config.sensors.dvl_by_mavlink else {})
+            | config.parameters
         )
-        for name, value in config.parameters.items():
-            if not self._params.set(name, value):
-                raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
         self._sensors.record(self.physics.state, self.physics.acceleration(), 0.0)
         self.autopilot = self._boot(rebooted=False)
         """The firmware; another one after a reboot."""

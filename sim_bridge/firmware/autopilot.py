@@ -2,7 +2,6 @@
 
 import math
 from collections import deque
-from collections.abc import Callable
 from operator import attrgetter
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -13,11 +12,9 @@ from sim_bridge.firmware.board import NOWHERE, Board, Origin
 from sim_bridge.firmware.commands import Commands
 from sim_bridge.firmware.failsafes import Failsafes
 from sim_bridge.firmware.frames import Message
-from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.firmware.params import DEFAULTS, Parameters
+from sim_bridge.firmware.params import DEFAULTS
 from sim_bridge.firmware.streams import TRANSFER_SLOWDOWN
-from sim_bridge.physics.sensors import Sensors
 
 INPUT_PERIOD_S = 0.02
 TIMESYNC_PERIOD_S = 10.0
@@ -36,54 +33,19 @@ NO_POSITION, NO_Z = 0b111, 1 << 2
 
 
 class Autopilot(Board):
-    """The firmware's behaviour from one boot to the next.
+    """The firmware's behaviour from one boot to the next; `_on_heartbeat` takes HEARTBEAT, and so on."""
 
-    `rebooted`: it says what the firmware says as it boots. The first one has done so before anybody listened.
-    """
-
-    def __init__(
-        self,
-        params: Parameters,
-        sensors: Sensors,
-        frame: str,
-        has_position: bool,
-        rc_receiver: bool,
-        links: dict[int, Link],
-        keys: KeyStore,
-        *,
-        rebooted: bool,
-    ) -> None:
-        super().__init__(params, sensors, frame, has_position, rc_receiver, links, keys)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._next_input_s = 0.0
         self._next_timesync_s = TIMESYNC_PERIOD_S
         self._withheld: Origin | None = None
         """What the origin will be once it may be set."""
-        self._boot_texts = deque(BOOT_TEXTS if rebooted else ())
+        self._boot_texts = deque(BOOT_TEXTS if self.rebooted else ())
         self._commands = Commands(self)
-        self.failsafes = Failsafes(self, rebooted=rebooted)
+        self.failsafes = Failsafes(self)
         self._delta_s = -math.inf
         """When the EKF last took a VISION_POSITION_DELTA."""
-        self._handlers: dict[str, Callable[[int, Message], None]] = {
-            "HEARTBEAT": self._on_heartbeat,
-            "MANUAL_CONTROL": self._on_manual_control,
-            "RC_CHANNELS_OVERRIDE": self._on_override,
-            "COMMAND_LONG": self._on_command,
-            "COMMAND_INT": self._on_command,
-            "SET_MODE": self._on_set_mode,
-            "REQUEST_DATA_STREAM": self._on_request_data_stream,
-            "PARAM_REQUEST_READ": self._on_param_request_read,
-            "PARAM_REQUEST_LIST": self._on_param_request_list,
-            "PARAM_SET": self._on_param_set,
-            "TIMESYNC": self._on_timesync,
-            "SET_GPS_GLOBAL_ORIGIN": self._on_set_origin,
-            **dict.fromkeys(absent.MISSION_PROTOCOL, self._on_mission),
-            "FILE_TRANSFER_PROTOCOL": self._on_file_transfer,
-            "LOG_REQUEST_LIST": self._on_log_request_list,
-            "AUTOPILOT_VERSION_REQUEST": self._on_version_request,
-            "SET_POSITION_TARGET_GLOBAL_INT": self._on_global_target,
-            "SETUP_SIGNING": self._on_setup_signing,
-            "VISION_POSITION_DELTA": self._on_vision_position_delta,
-        }
 
     def receive(self, link: int, data: bytes) -> None:
         """Take in bytes from a link. Garbage is skipped; messages for others are forwarded."""
@@ -92,7 +54,8 @@ class Autopilot(Board):
             if kind == "BAD_DATA" or kind.startswith("UNKNOWN"):
                 continue
             self.links[link].heard.add((message.get_srcSystem(), message.get_srcComponent()))
-            if self._routed(link, message) and (handler := self._handlers.get(kind)):
+            name = "mission" if kind in absent.MISSION_PROTOCOL else kind.lower()
+            if self._routed(link, message) and (handler := getattr(self, f"_on_{name}", None)):
                 handler(link, message)
 
     def update(self, boot_s: float, dt: float) -> list[int]:
@@ -179,19 +142,21 @@ class Autopilot(Board):
                 message.x, message.y, message.z, message.r, message.buttons, message.s, message.t
             )
 
-    def _on_override(self, _: int, message: Message) -> None:
+    def _on_rc_channels_override(self, _: int, message: Message) -> None:
         if self._steers(message):
             self.pilot.override(CHANNELS_RAW(message))
 
     # Commands
 
-    def _on_command(self, link: int, message: Message) -> None:
+    def _on_command_long(self, link: int, message: Message) -> None:
         p = [float(getattr(message, name, math.nan)) for name in PARAMETERS]
         if message.get_type() == "COMMAND_INT":
             p[4:] = [message.x, message.y, message.z]
         result = self._commands.obey(link, message.command, p)
         peer = (message.get_srcSystem(), message.get_srcComponent())
         self.send(link, mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *peer))
+
+    _on_command_int = _on_command_long
 
     def _say_what_is_due(self) -> None:
         while self._boot_texts and self._boot_texts[0][0] <= self.boot_s:
@@ -210,7 +175,7 @@ class Autopilot(Board):
         if message.tc1 == 0:
             self.send(link, mavlink.MAVLink_timesync_message(self._boot_ns(), message.ts1))
 
-    def _on_set_origin(self, _: int, message: Message) -> None:
+    def _on_set_gps_global_origin(self, _: int, message: Message) -> None:
         if self.origin is None and self._withheld is None:
             self._set_origin(Origin(message.latitude, message.longitude, message.altitude))
 
@@ -230,7 +195,7 @@ class Autopilot(Board):
             self._delta_s = self.boot_s
             self.sensors.hear_odometry(tuple(message.position_delta), lasted_s)
 
-    def _on_file_transfer(self, link: int, message: Message) -> None:
+    def _on_file_transfer_protocol(self, link: int, message: Message) -> None:
         if answer := absent.file_answer(message):
             self.send(link, answer)
 
@@ -240,7 +205,7 @@ class Autopilot(Board):
         if getattr(answer, "type", None) == mavlink.MAV_MISSION_NO_SPACE:
             self.say(WARNING, absent.NO_SPACE_TEXT)
 
-    def _on_global_target(self, _: int, message: Message) -> None:
+    def _on_set_position_target_global_int(self, _: int, message: Message) -> None:
         """Take a depth over the EKF's origin in ALT_HOLD, where it comes alone."""
         altitude_m = message.alt - (self.origin.alt_mm / 1000.0 if self.origin else 0.0)
         is_depth_alone = message.coordinate_frame == mavlink.MAV_FRAME_GLOBAL_INT and (
@@ -253,7 +218,7 @@ class Autopilot(Board):
         """Tell that there is no log."""
         self.send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
-    def _on_version_request(self, link: int, _: Message) -> None:
+    def _on_autopilot_version_request(self, link: int, _: Message) -> None:
         self._commands.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 
     def _on_setup_signing(self, _: int, message: Message) -> None:

@@ -1,6 +1,8 @@
 """What the firmware remembers from one boot to the next, and what is done to it: arming, modes, messages."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -33,56 +35,47 @@ class Origin(NamedTuple):
 NOWHERE = Origin(0, 0, 0)
 
 
+@dataclass(eq=False)
 class Board:
-    """An autopilot's state. Time is seconds since boot and arrives as data.
+    """An autopilot's state. Time is seconds since boot and arrives as data."""
 
-    Args:
-        params: survives reboots, so it comes from outside.
-        sensors: read when something needs them.
-        frame: vectored or vectored_6dof.
-        has_position: whether there is a DVL, or will be.
-        rc_receiver: whether the vehicle has an RC receiver, whose sticks rest.
-        links: link number to Link; the same dictionary that the vehicle fills.
-        keys: the signing key, which survives reboots too.
+    params: Parameters
+    """They survive reboots, so they come from outside; so does `keys`."""
+    sensors: Sensors
+    """Read when something needs them."""
+    frame: str
+    """vectored or vectored_6dof."""
+    has_position: bool
+    """Whether there is a position source, or will be."""
+    rc_receiver: bool
+    """Whether the vehicle has an RC receiver, whose sticks rest."""
+    links: dict[int, Link]
+    """By number: the dictionary that the vehicle fills."""
+    keys: KeyStore
+    rebooted: bool = field(kw_only=True)
+    """It says what the firmware says as it boots. The first one has done so before anybody listened."""
 
-    """
-
-    def __init__(
-        self,
-        params: Parameters,
-        sensors: Sensors,
-        frame: str,
-        has_position: bool,
-        rc_receiver: bool,
-        links: dict[int, Link],
-        keys: KeyStore,
-    ) -> None:
-        self.params = params
-        self.sensors = sensors
-        self.frame = frame
-        self.has_position = has_position and sensors.aided
-        self.rc_receiver = rc_receiver
-        self.links = links
-        self.keys = keys
+    def __post_init__(self) -> None:
+        self.origin = NOWHERE if self.has_position else None  # a DVL's driver sets it as it starts
+        self.has_position = self.has_position and self.sensors.aided
         self.boot_s = 0.0
         self.armed = False
         self.reboot_requested = False
         self.failing = {"pilot"}
         """Which failsafes hold: pilot, ground station, leak."""
         self.pilot_seen_s: float | None = None
-        self.motor_pwm = self.idle = [NEUTRAL] * (8 if frame == "vectored_6dof" else 6)
+        self.motor_pwm = self.idle = [NEUTRAL] * (8 if self.frame == "vectored_6dof" else 6)
         self.last_demand: tuple[float, ...] | None = None
         self.input_is_new = True
         self.voltage_v, self.current_a, self.consumed_mah, self.capacity_mah = 16.0, 0.0, 0.0, 1.0
         self.state: State = state_of((0.0,) * 6, (0.0,) * 6)
-        self.origin = NOWHERE if has_position else None  # a DVL's driver sets it as it starts
         self.ekf_doubt: float | None = None
         """The EKF's variance while it has no solution."""
         self.range_quality = 0
         self.alter: Callable[[Message], Message | None] | None = None
         """Set by the vehicle while a fault falsifies telemetry."""
-        self.pilot = Pilot(params, self._button, lambda text: self.say(INFO, text))
-        self.control = FlightControl(params)
+        self.pilot = Pilot(self.params, self._button, partial(self.say, INFO))
+        self.control = FlightControl(self.params)
         self.out: list[tuple[int, bytes]] = []
         self._text_id = 0
 

@@ -13,10 +13,10 @@ LEAK_WARNING_PERIOD_S = 20.0
 class Failsafes:
     """Watches for a board; `check` is called with each input loop."""
 
-    def __init__(self, board: Board, *, rebooted: bool) -> None:
+    def __init__(self, board: Board) -> None:
         self._board = board
         self._params = board.params
-        board.pilot_seen_s = 0.0 if rebooted else None
+        board.pilot_seen_s = 0.0 if board.rebooted else None
         self.leaking = False
         """Whether a leak detector is wet."""
         self._steered_s: float | None = None

@@ -1,6 +1,7 @@
 """What the firmware tells of its control and sensors, with ArduSub's units, signs and gaps.
 
-In each builder `s` is the board that tells. NaN is the firmware's own answer where it knows nothing.
+The function `_attitude` builds ATTITUDE, and so on; `s` is the board that tells. NaN is the firmware's own
+answer where it knows nothing.
 """
 
 import math
@@ -31,6 +32,9 @@ CAMERA_TILT_PWM = 1754
 FIELD_NORTH_MG, FIELD_DOWN_MG = 219.0, 422.0
 IMU_CENTIDEGREES = 2720
 RECEIVER_CHANNELS = 16
+
+
+_heartbeat = Board.heartbeat
 
 
 def _attitude(s: Board) -> Message:
@@ -148,7 +152,7 @@ def _ekf_status_report(s: Board) -> Message:
     return mavlink.MAVLink_ekf_status_report_message(_ekf_flags(s), *variances, 0.0, 0.0)
 
 
-def _named_value_floats(s: Board) -> list[Message]:
+def _named_value_float(s: Board) -> list[Message]:
     values = (
         (b"CamTilt", 1.0 - (CAMERA_TILT_PWM - 1100) / 800),
         (b"CamPan", 0.5),
@@ -207,27 +211,10 @@ def _whole_cm(metres: float) -> int:
     return min(int(100.0 * metres), 65535)
 
 
-BUILDERS: dict[int, Callable[[Board], Message]] = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: Board.heartbeat,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: _attitude,
-    mavlink.MAVLINK_MSG_ID_AHRS2: _ahrs2,
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo_output_raw,
-    mavlink.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
-    mavlink.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: _scaled_pressure2,
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
-    mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
-    mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: _named_value_floats,
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _gps_global_origin,
-    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
-    mavlink.MAVLINK_MSG_ID_RANGEFINDER: _rangefinder,
+BUILDERS: Final[dict[int, Callable[[Board], Message]]] = {
+    number: globals()[name]
+    for number, kind in mavlink.mavlink_map.items()
+    if (name := f"_{kind.msgname.lower()}") in globals()
 }
 NAN = math.nan
 AT_REST: Final[dict[int, tuple[object, ...]]] = {

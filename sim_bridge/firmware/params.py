@@ -43,7 +43,7 @@ class Parameters:
         """How often a value was set."""
         for name, value in overrides.items():
             if not self.set(name, value):
-                raise ValueError(f"parameter {name} = {value}: unknown, or not fit for its type")
+                raise ValueError(f"parameters.{name} = {value}: unknown, or not fit for its type")
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]

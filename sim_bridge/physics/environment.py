@@ -157,9 +157,7 @@ class Environment:
         if self.load_on:
             fz += load.weight_n
         if self._heave.enabled:
-            heave = self._heave
-            fz += heave.constant_n + self._heave_noise.step()
-            fz += heave.sine_n * math.sin(2 * math.pi * t_s / heave.sine_period_s)
+            fz += self._heave.constant_n + self._heave_noise.step()
         if self._cable:
             pull = self._cable.pull(
                 state[:3], ned_velocity(state), self._current.velocity if self._current else _at_rest

@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_bridge.config import Seabed, SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
+from sim_bridge.physics.dvl import DELAY_S as REPORT_DELAY_S
 from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
@@ -231,7 +232,7 @@ class Sensors:
         if self._reports:
             off = self._reports.step(math.hypot(*state[10:]))
             if locked and off is not None:
-                late = self._delayed(config.dvl_reports.delay_s)
+                late = self._delayed(REPORT_DELAY_S)
                 said_north, said_east = self._as_measured(state, late[7:10])
                 errors.report((said_north - north + off[0], said_east - east + off[1]))
         errors.step(misled, locked=locked and not self._reports)
