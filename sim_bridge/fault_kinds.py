@@ -82,7 +82,6 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "range_scaled": FaultKind(
         "the rangefinder's range is multiplied: 3.28 in feet, 2 the second echo", "factor", 0.0, 100.0
     ),
-    "range_drifts": FaultKind("the rangefinder's range grows by itself", "m/s", -10.0, 10.0),
     "range_quality": FaultKind(
         "the rangefinder tells this quality of its signal: 0 unknown, 1 none", "%", 0.0, 100.0
     ),

@@ -228,7 +228,6 @@ class Vehicle:
                 math.nan if faults.holds("range_out") else false_range_m,
                 faults.value("range_answers", 1.0),
                 faults.value("range_scaled", 1.0),
-                faults.value("range_drifts"),
             ),
             depth_noise_m=faults.value("depth_noise"),
             depth_lag_s=faults.value("depth_lag"),

@@ -115,8 +115,6 @@ class Responder:
         self._answer = b""
         self._answered_s = -math.inf
         self._time_s = 0.0
-        self.steps = 0
-        self.repeated = 0
         self.restarts = 0
         self.bad = 0
 
@@ -132,7 +130,6 @@ class Responder:
             self.bad += 1
             return None
         if last is not None and frame.number == last.number:
-            self.repeated += 1
             if now_s - self._answered_s < LOST_AFTER_S:
                 return None
         else:
@@ -143,7 +140,6 @@ class Responder:
             dt_s = self._step_s or 1.0 / min(max(frame.rate_hz, RATES_HZ[0]), RATES_HZ[1])
             self._time_s += dt_s
             self._answer = reply(self._time_s, self._move(frame, dt_s), time_sync=self._step_s is None)
-            self.steps += 1
         self._answered_s = now_s
         return self._answer
 

@@ -130,11 +130,6 @@ def rotation(state: State) -> Nine:
 def down_axis(state: State) -> Three:
     """Return NED's down in body axes: the last row of R."""
     q0, q1, q2, q3 = state[3:7]
-    return down_of(q0, q1, q2, q3)
-
-
-def down_of(q0: float, q1: float, q2: float, q3: float) -> Three:
-    """Return the same of a quaternion."""
     return 2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1 * q1 + q2 * q2)
 
 

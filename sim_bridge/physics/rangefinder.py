@@ -20,7 +20,6 @@ class RangeFault(NamedTuple):
     """NaN hears nothing; None is sound."""
     answers: float = 1.0
     scale: float = 1.0
-    drift_mps: float = 0.0
 
 
 class Rangefinder:
@@ -34,10 +33,9 @@ class Rangefinder:
         self._config, self._rng = config, rng
         self._seabed = seabed if config.rangefinder else None
         self._echoes: deque[float] = deque()
-        self._sound_m, self._drifted_m = math.nan, 0.0
+        self._sound_m = math.nan
         self._steps = max(1, round(config.range_period_s / step_s))
-        self._period_s = self._steps * step_s
-        self._late = round(config.range_delay_s / self._period_s)
+        self._late = round(config.range_delay_s / (self._steps * step_s))
 
     def step(self, count: int, state: State) -> None:
         """Go on by one step, the `count`-th."""
@@ -55,9 +53,8 @@ class Rangefinder:
         if down < STEEPEST_ECHO:
             return math.nan
         range_m = (seabed.depth_at(state[0], state[1]) - state[2]) / down
-        if (fault.answers == 1.0 and not fault.drift_mps) or math.isnan(self._sound_m):
-            self._sound_m, self._drifted_m = range_m, 0.0
-        self._drifted_m += fault.drift_mps * self._period_s
-        range_m = fault.scale * (self._sound_m + fault.answers * (range_m - self._sound_m) + self._drifted_m)
+        if fault.answers == 1.0 or math.isnan(self._sound_m):
+            self._sound_m = range_m
+        range_m = fault.scale * (self._sound_m + fault.answers * (range_m - self._sound_m))
         range_m += config.range_white_m * float(self._rng.standard_normal())
         return range_m if config.range_min_m <= range_m <= config.range_max_m else math.nan

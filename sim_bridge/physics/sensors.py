@@ -12,7 +12,7 @@ from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.dvl import DELAY_S as REPORT_DELAY_S
 from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
-from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, down_of, euler, ned_velocity
+from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
 from sim_bridge.physics.rangefinder import RangeFault, Rangefinder
 
@@ -385,22 +385,24 @@ class Sensors:
 
     def _rise(self) -> float:
         """Acceleration upwards from the filtered accelerometer (m/s²)."""
-        (felt, (a, b, c)), (older, (d, e, f)), part = self._around(ACCEL_FILTER_DELAY_S)
-        down = _down_between(felt, older, part)
-        return -(
-            (a + part * (d - a)) * down[0] + (b + part * (e - b)) * down[1] + (c + part * (f - c)) * down[2]
-        )
+        (a, b, c), (forward, right, down) = self._felt(ACCEL_FILTER_DELAY_S)
+        return -(a * forward + b * right + c * down)
 
     def _accelerometer(self, normal: Callable[[], float]) -> Three:
         """Specific force, body (m/s²)."""
-        (shaken, (a, b, c)), (older, (d, e, f)), part = self._around(self._config.accel_delay_s)
-        forward, right, down = _down_between(shaken, older, part)
+        (a, b, c), (forward, right, down) = self._felt(self._config.accel_delay_s)
         white = self._config.accel_white_m_s2
         return (
-            a + part * (d - a) - GRAVITY * forward + white * normal(),
-            b + part * (e - b) - GRAVITY * right + white * normal(),
-            c + part * (f - c) - GRAVITY * down + white * normal(),
+            a - GRAVITY * forward + white * normal(),
+            b - GRAVITY * right + white * normal(),
+            c - GRAVITY * down + white * normal(),
         )
+
+    def _felt(self, delay_s: float) -> tuple[Three, Three]:
+        """Acceleration over the ground (m/s²) and NED's down `delay_s` ago, both in body axes."""
+        (newer, (a, b, c)), (older, (d, e, f)), part = self._around(delay_s)
+        state = between(newer, older, part) if part else newer
+        return (a + part * (d - a), b + part * (e - b), c + part * (f - c)), down_axis(state)
 
     def _delayed(self, delay_s: float) -> State:
         """State `delay_s` ago."""
@@ -423,12 +425,3 @@ class Sensors:
         if not self._white:
             self._white = self._white_rng.standard_normal(512).tolist()
         return self._white.pop()
-
-
-def _down_between(newer: State, older: State, part: float) -> Three:
-    """Return `down_axis` between two states."""
-    if not part:
-        return down_axis(newer)
-    _, _, _, q0, q1, q2, q3, *_ = newer
-    _, _, _, Q0, Q1, Q2, Q3, *_ = older
-    return down_of(q0 + part * (Q0 - q0), q1 + part * (Q1 - q1), q2 + part * (Q2 - q2), q3 + part * (Q3 - q3))
