@@ -35,8 +35,6 @@ MAX_CATCH_UP_STEPS = 40
 MAX_UNSENT_BYTES = 1 << 18
 """A TCP client that lags behind by more is cut off."""
 MAX_INBOX = 4096
-SILENT_S = 10.0
-"""A UDP peer that was not heard for so long makes room when another calls."""
 TRUTH_PERIOD_STEPS = 4
 UNKNOWN_MODE = -1
 """In the truth of `--physics-only`: the firmware does not tell its physics the mode."""
@@ -47,7 +45,6 @@ class Settings:
     """Where the vehicle is found, and how fast its time runs."""
 
     udp_connect: tuple[Endpoint, ...]
-    udp_listen: tuple[Endpoint, ...]
     tcp: tuple[Endpoint, ...]
     zenoh: str
     """Endpoint of a Zenoh router or peer; empty for none."""
@@ -121,25 +118,6 @@ class _UdpCaller(_Udp):
         self._links.receive(self._number, data)
 
 
-class _UdpListener(_Udp):
-    """Every address that is heard becomes a link; one that falls silent is forgotten."""
-
-    def __init__(self, links: Links) -> None:
-        self._links = links
-        self._peers: dict[Endpoint, tuple[int, float]] = {}
-
-    def datagram_received(self, data: bytes, addr: Endpoint) -> None:
-        now_s = asyncio.get_running_loop().time()
-        number = self._peers[addr][0] if addr in self._peers else self._welcome(addr, now_s)
-        self._peers[addr] = (number, now_s)
-        self._links.receive(number, data)
-
-    def _welcome(self, addr: Endpoint, now_s: float) -> int:
-        for silent in [peer for peer, (_, heard_s) in self._peers.items() if now_s - heard_s > SILENT_S]:
-            self._links.close(self._peers.pop(silent)[0])
-        return self._links.open(partial(self._transport.sendto, addr=addr), "udp from {}:{}".format(*addr))
-
-
 class _TcpClient(asyncio.Protocol):
     """One client of the TCP server."""
 
@@ -203,16 +181,6 @@ def _publisher(
     return link.put
 
 
-async def _open_udp(
-    stack: contextlib.AsyncExitStack, protocol: Callable[[], _Udp], endpoint: Endpoint
-) -> None:
-    with _binding("udp", endpoint[1]):
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-            protocol, local_addr=endpoint
-        )
-    stack.callback(transport.close)
-
-
 @contextlib.contextmanager
 def _binding(kind: str, port: int) -> Iterator[None]:
     """Let an address that is taken raise an OSError that says by whom."""
@@ -239,9 +207,6 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
                 server = await loop.create_server(lambda: _TcpClient(links), host, port)
             stack.callback(server.close)
             LOG.info("listening on tcp %s:%d", host, port)
-        for endpoint in settings.udp_listen:
-            await _open_udp(stack, partial(_UdpListener, links), endpoint)
-            LOG.info("listening on udp %s:%d", *endpoint)
         for endpoint in settings.udp_connect:
             caller, _ = await loop.create_datagram_endpoint(
                 partial(_UdpCaller, links, endpoint), remote_addr=endpoint
@@ -291,7 +256,11 @@ async def serve_physics(
     body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
     async with contextlib.AsyncExitStack() as stack:
         publish = _publisher(stack, settings)
-        await _open_udp(stack, partial(_Physics, body, publish), endpoint)
+        with _binding("udp", endpoint[1]):
+            transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+                partial(_Physics, body, publish), local_addr=endpoint
+            )
+        stack.callback(transport.close)
         LOG.info("physics for ArduSub's JSON backend on udp %s:%d", *endpoint)
         await stop.wait()
 

@@ -70,7 +70,7 @@ def sim(argv: list[str]) -> int:
     if arguments.live_faults and (arguments.no_zenoh or arguments.physics_only):
         sys.stderr.write("holdfast sim: --live-faults needs Zenoh, and our own vehicle\n")
         return 2
-    named = arguments.udp_connect or arguments.udp_listen or arguments.tcp
+    named = arguments.udp_connect or arguments.tcp
     if arguments.physics_only and (named or arguments.speed != 1.0 or config.faults):
         sys.stderr.write(
             "holdfast sim: --physics-only takes no endpoint, --speed or faults: MAVLink and time are the "
@@ -79,7 +79,6 @@ def sim(argv: list[str]) -> int:
         return 2
     settings = Settings(
         udp_connect=tuple(arguments.udp_connect) if named else (("127.0.0.1", 14550),),
-        udp_listen=tuple(arguments.udp_listen),
         tcp=tuple(arguments.tcp) if named else (("127.0.0.1", 5760),),
         zenoh="" if arguments.no_zenoh else arguments.zenoh,
         vehicle=arguments.name,
@@ -114,7 +113,6 @@ def _sim_parser() -> argparse.ArgumentParser:
     fault: dict[str, Any] = {"metavar": "KIND[,KEY=VALUE...]", "type": _fault}
     options: dict[str, tuple[str, dict[str, Any]]] = {
         "--udp-connect": ("send to this address", endpoint | several),
-        "--udp-listen": ("listen, and answer any sender", endpoint | several),
         "--tcp": ("listen for TCP clients", endpoint | several),
         "--set": ("override a key of the configuration; VALUE is TOML", {"metavar": "KEY=VALUE"} | several),
         "--fault": ("add a fault to those of the configuration; --list names the kinds", fault | several),
@@ -151,6 +149,7 @@ def _sim_parser() -> argparse.ArgumentParser:
         help=said,
     )
     removed_option(parser, "--inject", "`holdfast fault` sends one")
+    removed_option(parser, "--udp-listen", "call whoever listens by --udp-connect, or serve --tcp")
     return parser
 
 

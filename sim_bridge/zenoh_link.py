@@ -4,7 +4,6 @@ Both are JSON: FIELDS of a `Truth`, which no companion may read; a `Fault` in a 
 """
 
 import threading
-from collections import deque
 from collections.abc import Callable
 
 import msgspec
@@ -85,7 +84,7 @@ def client(endpoint: str) -> zenoh.Config:
 
 
 class ZenohLink:
-    """A client of a Zenoh router or peer in its own thread: retries to connect, drops what it cannot send."""
+    """A client of a Zenoh router or peer, joined by a thread once it is there; drops what it cannot send."""
 
     def __init__(self, endpoint: str, vehicle: str, take: Callable[[Fault], None] | None = None) -> None:
         """Start to connect to `endpoint` (such as tcp/127.0.0.1:7447) in the background.
@@ -96,40 +95,32 @@ class ZenohLink:
         self._endpoint = endpoint
         self._vehicle = vehicle
         self._take = take
-        self._samples: deque[bytes] = deque(maxlen=4)
-        self._wake = threading.Condition()
-        self._stopping = False
+        self._publisher: zenoh.Publisher | None = None
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh", daemon=True)
         self._thread.start()
 
     def put(self, truth: Truth) -> None:
-        """Hand over one sample; never waits."""
-        with self._wake:
-            self._samples.append(encode(truth))
-            self._wake.notify()
+        """Publish one sample, if somebody is there; never waits."""
+        if self._publisher is not None:
+            self._publisher.put(encode(truth))
 
     def close(self) -> None:
         """Stop and disconnect."""
-        with self._wake:
-            self._stopping = True
-            self._wake.notify()
+        self._closing.set()
         self._thread.join(timeout=3.0)
 
     def _run(self) -> None:
-        while not self._stopping:
+        while not self._closing.is_set():
             try:
                 with zenoh.open(client(self._endpoint)) as session:
-                    self._publish(session)
+                    self._declare(session)
+                    self._closing.wait()
+                    self._publisher = None
             except zenoh.ZError:
-                with self._wake:
-                    self._wake.wait_for(lambda: self._stopping, timeout=RETRY_S)
+                self._closing.wait(RETRY_S)
 
-    def _publish(self, session: zenoh.Session) -> None:
-        publisher = session.declare_publisher(
-            f"sim/{self._vehicle}/truth",
-            encoding=zenoh.Encoding(SCHEMA),
-            congestion_control=zenoh.CongestionControl.DROP,
-        )
+    def _declare(self, session: zenoh.Session) -> None:
         if take := self._take:
             key = f"sim/{self._vehicle}/fault"
 
@@ -140,10 +131,8 @@ class ZenohLink:
                     query.reply(key, reply, encoding=zenoh.Encoding.APPLICATION_JSON)
 
             session.declare_queryable(key, on_query)
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._stopping or self._samples)
-                if self._stopping:
-                    return
-                sample = self._samples.popleft()
-            publisher.put(sample)
+        self._publisher = session.declare_publisher(
+            f"sim/{self._vehicle}/truth",
+            encoding=zenoh.Encoding(SCHEMA),
+            congestion_control=zenoh.CongestionControl.DROP,
+        )

@@ -38,7 +38,7 @@ from sim_bridge.config import load_config
         ["tell", "bluerov2", "engage", "--connect", "nowhere"],
         ["goto", "bluerov2", "--depth", "2", "--connect", "nowhere"],
         ["follow", "bluerov2", "nowhere.toml"],
-        ["sim", "--zenoh", "nowhere", "--udp-listen", "127.0.0.1:0"],
+        ["sim", "--zenoh", "nowhere", "--tcp", "127.0.0.1:0"],
     ],
 )
 def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys, tmp_path, monkeypatch):
@@ -182,7 +182,7 @@ def test_a_port_that_is_taken_is_named(command, capsys):
         port = held.getsockname()[1]
         arguments = {
             "check": ["check", "--set", f"link.endpoint=udp-listen:127.0.0.1:{port}"],
-            "sim": ["sim", "--no-zenoh", "--udp-listen", f"127.0.0.1:{port}"],
+            "sim": ["sim", "--physics-only", f"127.0.0.1:{port}"],
             "dashboard": ["dashboard", "--listen", f"127.0.0.1:{port}", "--connect", "tcp/127.0.0.1:1"],
         }
         assert holdfast.main(arguments[command]) == 1
