@@ -30,7 +30,6 @@ from companion.telemetry.schemas import printable
 
 UINT16_MAX: Final = 0xFFFF
 MAX_DEPTH_M: Final = 12_000.0
-MAX_RANGE_M: Final = 500.0
 MAX_ANGLE_RAD: Final = 6.3
 MAX_RATE_RADPS: Final = 50.0
 MAX_PWM_US: Final = 3000
@@ -44,8 +43,6 @@ WRAP_MS_S: Final = 2**32 / 1e3
 WRAP_US_S: Final = 2**32 / 1e6
 UNKNOWN_QUALITY, NO_SIGNAL, LEAST_QUALITY = 0, 1, 90.0
 """DISTANCE_SENSOR.signal_quality, up to 100; the least where RNGFND_SQ_MIN is missing: its default."""
-NO_SENSOR: Final = -1
-"""In place of a sensor's number, for RANGEFINDER, which has none."""
 
 PA_PER_M: Final = 9800.0
 PA_PER_HPA: Final = 100.0
@@ -135,8 +132,6 @@ class Decoder:
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
-        self._hears_distances = False
-        """Whether a DISTANCE_SENSOR looks down."""
         self._handlers: dict[int, Callable[[Message, float], Iterator[Event]]] = {
             message_id: handler
             for message_id, kind in mavlink.mavlink_map.items()
@@ -218,21 +213,12 @@ class Decoder:
         """
         if m.orientation != mavlink.MAV_SENSOR_ROTATION_PITCH_270:
             return
-        self._hears_distances = True
         quality, range_m = m.signal_quality, m.current_distance / 1e2
         least = max(self._parameters.get(QUALITY_PARAMETER, LEAST_QUALITY), NO_SIGNAL + 1)
         limited = m.min_distance or m.max_distance
         within = range_m and (not limited or m.min_distance <= m.current_distance <= m.max_distance)
         if within and (quality == UNKNOWN_QUALITY or quality >= least):
             yield records.Range(t_s, range_m, m.id)
-
-    def _rangefinder(self, m: Message, t_s: float) -> Iterator[Event]:
-        """Take its distance where no DISTANCE_SENSOR comes, which says more."""
-        if self._hears_distances or m.distance == 0.0:
-            return
-        if not 0.0 < m.distance <= MAX_RANGE_M:
-            raise ImplausibleError
-        yield records.Range(t_s, m.distance, NO_SENSOR)
 
     def _servo_output_raw(self, m: Message, t_s: float) -> Iterator[Event]:
         """Give the outputs as if no motor were reversed (MOT_n_DIRECTION = -1).
