@@ -16,7 +16,7 @@ import msgspec
 from companion import registry
 from companion.endpoint import FORMS, Endpoint
 from companion.records import AXES
-from companion.telemetry import ranges
+from companion.telemetry import commands, ranges
 from companion.telemetry.fields import means, within
 from holdfast import validation
 from holdfast.arguments import located
@@ -163,8 +163,8 @@ class AxisSection(AxisModel, frozen=True):
     Noises are standard deviations of one sample.
     """
 
-    lambda_per_s: ranges.Lambda = 2.0
-    kappa_per_s: ranges.Kappa = 4.0
+    lambda_per_s: commands.Lambda = 2.0
+    kappa_per_s: commands.Kappa = 4.0
     max_rate: Annotated[float, within(0.01, 3.0, "of the setpoint", "m/s or rad/s")] = 0.4
     max_acceleration: Annotated[float, within(0.01, 5.0, "of the setpoint", "m/s² or rad/s²")] = 0.3
     law: Annotated[str, means("`lyapunov` is the paper's; or one of [laws]")] = "lyapunov"
@@ -175,16 +175,16 @@ class AxisSection(AxisModel, frozen=True):
             "observer, or one with +observer: docs/your-own-controller.md"
         ),
     ] = "network+observer"
-    learning_rate: ranges.LearningRate = 14.0
-    hidden_learning_rate: ranges.HiddenLearningRate = 0.0
-    leak_per_s: ranges.Leak = 0.002
-    dead_zone: ranges.DeadZone = 0.002
-    max_disturbance: ranges.MaxDisturbance = 50.0
-    position_noise: ranges.PositionNoise = 0.005
-    rate_noise: ranges.RateNoise = 0.005
-    position_noise_slow: ranges.SlowPositionNoise = 0.01
-    rate_noise_slow: ranges.SlowRateNoise = 0.005
-    disturbance_noise: ranges.DisturbanceNoise = 2.0
+    learning_rate: commands.LearningRate = 14.0
+    hidden_learning_rate: commands.HiddenLearningRate = 0.0
+    leak_per_s: commands.Leak = 0.002
+    dead_zone: commands.DeadZone = 0.002
+    max_disturbance: commands.MaxDisturbance = 50.0
+    position_noise: commands.PositionNoise = 0.005
+    rate_noise: commands.RateNoise = 0.005
+    position_noise_slow: commands.SlowPositionNoise = 0.01
+    rate_noise_slow: commands.SlowRateNoise = 0.005
+    disturbance_noise: commands.DisturbanceNoise = 2.0
     sensor_delay_s: Annotated[Delay, means("age of a sample when the autopilot sends it")] = 0.03
 
 

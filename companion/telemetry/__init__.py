@@ -8,6 +8,6 @@
 | session  | `session`: Zenoh, configured and kept open                                      |
 
 A new field touches `schemas`, the record that has it (companion.records) and what computes it; a key of the
-configuration companion.config and its user (tuned live: `ranges`, `commands`, companion.config); a
+configuration companion.config and its user (tuned live: `commands` too); a
 condition companion.records.conditions, companion.supervision.conditions and a test. The rest is generated.
 """
