@@ -193,12 +193,7 @@ def _binding(kind: str, port: int) -> Iterator[None]:
 
 
 async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> None:
-    """Open every endpoint, then run the vehicle until `stop` is set.
-
-    Raises:
-        OSError: an address is taken or does not exist.
-
-    """
+    """Open every endpoint, then run the vehicle until `stop` is set; OSError for an address that is taken."""
     loop = asyncio.get_running_loop()
     links = Links(vehicle)
     async with contextlib.AsyncExitStack() as stack:
@@ -247,12 +242,7 @@ class _Physics(_Udp):
 async def serve_physics(
     config: SimConfig, seed: int, endpoint: Endpoint, settings: Settings, stop: asyncio.Event
 ) -> None:
-    """Be the external physics of an ArduSub that sends its frames to `endpoint`, until `stop` is set.
-
-    Raises:
-        OSError: the address is taken or does not exist.
-
-    """
+    """Be the external physics of an ArduSub that sends its frames to `endpoint`, until `stop` is set."""
     body = DrivenBody(Physics(config, seed), config.battery.voltage_v)
     async with contextlib.AsyncExitStack() as stack:
         publish = _publisher(stack, settings)

@@ -334,9 +334,7 @@ class SimConfig(_Record, frozen=True):
 def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
     """Read a TOML file, then apply overrides such as `waves.enabled=true` (the value is TOML).
 
-    Raises:
-        ConfigError: naming the file, the key, its value and what is allowed.
-
+    Raises ConfigError naming the file, the key, its value and what is allowed.
     """
     path = Path(path)
     data = validation.read(path)
@@ -355,9 +353,7 @@ def load_config(path: Path | str, overrides: Sequence[str] = ()) -> SimConfig:
 def fault_of(text: str) -> Fault:
     """Read a fault as the command line has it: `leak`, or `thruster,thruster=3,value=0.2,at_s=20`.
 
-    Raises:
-        ConfigError: naming what is wrong.
-
+    Raises ConfigError naming what is wrong.
     """
     kind, *parts = (part.strip() for part in text.split(","))
     data: dict[str, Any] = {"kind": kind}

@@ -101,12 +101,7 @@ class Vehicle:
     """One physics step."""
 
     def __init__(self, config: SimConfig, seed: int) -> None:
-        """Boot at the configured place, disarmed, in MANUAL.
-
-        Raises:
-            ValueError: a parameter of the configuration is unknown.
-
-        """
+        """Boot at the configured place, disarmed, in MANUAL; ValueError for an unknown parameter or fault."""
         _, sensor_rng, fault_rng, phase_rng = np.random.default_rng(seed).spawn(4)
         self.time_s = 0.0
         self._config = config

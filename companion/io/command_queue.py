@@ -350,7 +350,6 @@ class CommandQueue:
         return None
 
     def _guided(self, engine: Controllable, sample: ControlSample, value: dict[str, Any]) -> Reply:
-        """Return what came of a path or a move."""
         guided, said = sample.guided, self._progress(engine, sample)
         if any(sample.dofs.engaged):
             said += f": {guided.name}" if guided.name else ""

@@ -318,7 +318,6 @@ class Publisher(SessionThread):
         sample: ControlSample,
         raw: telemetry.Raw | None,
     ) -> None:
-        """Publish a tick."""
         stamp = self._stamp(session)
         for key, _, payload in encode(sample, self._vehicle):
             self._last[key] = payload, stamp
@@ -327,7 +326,6 @@ class Publisher(SessionThread):
             raw_publisher.put(msgspec.msgpack.encode(raw))
 
     def _deliver(self, session: zenoh.Session, publishers: _NowAndThen) -> None:
-        """Send one event, plan or answer."""
         item = self._mail.popleft()
         if isinstance(item, tuple):
             query, reply = item

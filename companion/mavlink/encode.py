@@ -118,7 +118,6 @@ class Commands:
         )
 
     def _command(self, command: int, *params: float) -> Message:
-        """Return a COMMAND_LONG with its first parameters."""
         given = {f"param{i}": value for i, value in enumerate(params, start=1)}
         return COMMAND_LONG(
             target_system=self._system, target_component=self._component, command=command, **given

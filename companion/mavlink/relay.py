@@ -122,7 +122,6 @@ class Relay:
         return commands or (steering and self.withhold)
 
     def _is_beacon(self, frame: WireFrame) -> bool:
-        """Tell whether it is a ground station's heartbeat."""
         return frame.id == HEARTBEAT and bool(frame.message().type == mavlink.MAV_TYPE_GCS)
 
     def _is_steering(self, frame: WireFrame) -> bool:

@@ -86,7 +86,6 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
 
 
 def _extra(key: str, hold: Any, radius: Any, yaw: Any) -> dict[str, Any]:
-    """Return what a waypoint has beside its place."""
     extra: dict[str, Any] = {}
     if hold:
         extra["wait_s"] = _number(f"{key}.params[0] (hold)", hold, 0.0, 3600.0)

@@ -139,12 +139,7 @@ class FirmwareError(RefusedError):
 
 
 def program(given: str | None) -> Path:
-    """Return the program that `given` names, or HOLDFAST_ARDUSUB if it is empty or None.
-
-    Raises:
-        FirmwareError: nothing names one, or it is no program.
-
-    """
+    """Return the program that `given` names, or HOLDFAST_ARDUSUB; FirmwareError where none is."""
     named = given or os.environ.get(VARIABLE, "")
     if not named:
         raise FirmwareError(
@@ -208,11 +203,8 @@ class Firmware:
     def __init__(self, program: Path, config: SimConfig, seed: int, *, surveyed: bool = True) -> None:
         """Start it and wait until it has settled (see the module's text), disarmed, in its start-up mode.
 
-        Unless `surveyed` its EKF is told no origin, and it sets no home.
-
-        Raises:
-            FirmwareError: it does not start, stops, or does not know a parameter of the configuration.
-
+        Unless `surveyed` its EKF is told no origin, and it sets no home. Raises FirmwareError if it does not
+        start, stops, or does not know a parameter of the configuration.
         """
         self.time_s = 0.0
         self._steps = 0
@@ -275,12 +267,7 @@ class Firmware:
         return self._process.pid
 
     def open_link(self, link: int) -> None:
-        """Take a link's telemetry from now on: 1 is SERIAL0, 2 is SERIAL1.
-
-        Raises:
-            ValueError: there is no such link.
-
-        """
+        """Take a link's telemetry from now on: 1 is SERIAL0, 2 is SERIAL1."""
         if not 1 <= link < CONSOLE:
             raise ValueError(f"the firmware has links 1 to {CONSOLE - 1}, not {link}")
         self._opened.add(link)
@@ -293,9 +280,7 @@ class Firmware:
     def step(self, datagrams: Sequence[Datagram] = ()) -> list[Datagram]:
         """Advance one physics frame; `datagrams` are (link, bytes). Returns (link, bytes) that it sent.
 
-        Raises:
-            FirmwareError: the process has stopped, or sends no frame any more.
-
+        Raises FirmwareError where the process has stopped, or sends no frame any more.
         """
         for fault in self._faults.advance(self.time_s):
             self._begin(fault)
@@ -489,7 +474,6 @@ def _refuse(fault: Fault) -> None:
 
 
 def _socket() -> socket.socket:
-    """Open a loopback port of its own."""
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.bind(("127.0.0.1", 0))
     opened.setblocking(False)

@@ -215,7 +215,6 @@ class Autopilot(Board):
             self.control.depth_target = max(0.0, min(DEEPEST_M, -altitude_m))
 
     def _on_log_request_list(self, link: int, _: Message) -> None:
-        """Tell that there is no log."""
         self.send(link, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     def _on_autopilot_version_request(self, link: int, _: Message) -> None:

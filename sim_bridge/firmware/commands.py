@@ -16,32 +16,16 @@ FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 
 
 class Commands:
-    """Carries out commands for a board. A handler takes the link and seven parameters.
-
-    It is a method: a closure would keep the autopilot of a vehicle that was copied.
-    """
+    """Carries out commands for a board: `_nav_land` takes MAV_CMD_NAV_LAND, a link and seven parameters."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._handlers: dict[int, Callable[[int, list[float]], int]] = {
-            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
-            mavlink.MAV_CMD_DO_SET_MODE: self._set_mode,
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self._loiter,
-            mavlink.MAV_CMD_NAV_LAND: self._land,
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
-            mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
-            mavlink.MAV_CMD_REQUEST_MESSAGE: self._request,
-            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
-            mavlink.MAV_CMD_DO_MOTOR_TEST: self._test_motor,
-            mavlink.MAV_CMD_DO_SEND_BANNER: self._send_banner,
-            mavlink.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
-            mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._reboot,
-            mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
-        }
 
     def obey(self, link: int, command: int, p: list[float]) -> int:
         """Carry out a command; the MAV_RESULT."""
-        handler = self._handlers.get(command)
+        known = mavlink.enums["MAV_CMD"].get(command)
+        name = known.name.removeprefix("MAV_CMD").lower() if known else ""
+        handler: Callable[[int, list[float]], int] | None = getattr(self, name, None)
         return handler(link, p) if handler else UNSUPPORTED
 
     def request(self, link: int, number: int) -> int:
@@ -52,25 +36,25 @@ class Commands:
             self._board.send(link, message)
         return ACCEPTED
 
-    def _loiter(self, _: int, __: list[float]) -> int:
+    def _nav_loiter_unlim(self, _: int, __: list[float]) -> int:
         return self._board.set_mode(modes.POSHOLD)
 
-    def _land(self, _: int, __: list[float]) -> int:
+    def _nav_land(self, _: int, __: list[float]) -> int:
         return self._board.set_mode(modes.SURFACE)
 
-    def _request(self, link: int, p: list[float]) -> int:
+    def _request_message(self, link: int, p: list[float]) -> int:
         return self.request(link, _whole(p[0]))
 
-    def _arm(self, _: int, p: list[float]) -> int:
+    def _component_arm_disarm(self, _: int, p: list[float]) -> int:
         board = self._board
         if p[0] == 1:
             return board.arm(forced=p[1] in FORCE_ARMING)
         return board.disarm() if p[0] == 0 else UNSUPPORTED
 
-    def _set_mode(self, _: int, p: list[float]) -> int:
+    def _do_set_mode(self, _: int, p: list[float]) -> int:
         return self._board.set_mode(_whole(p[1])) if _whole(p[0]) & 1 else DENIED
 
-    def _set_interval(self, link: int, p: list[float]) -> int:
+    def _set_message_interval(self, link: int, p: list[float]) -> int:
         board, number, interval_us = self._board, _whole(p[0]), p[1]
         if number not in STREAMED:
             board.say(INFO, f"No ap_message for mavlink id ({number})")
@@ -82,36 +66,36 @@ class Commands:
         taken = board.links[link].streams.set_interval(number, interval_us, board.boot_s)
         return ACCEPTED if taken else DENIED
 
-    def _get_interval(self, link: int, p: list[float]) -> int:
+    def _get_message_interval(self, link: int, p: list[float]) -> int:
         number = _whole(p[0]) & 0xFFFF
         interval_us = self._board.links[link].streams.interval_us(number)
         self._board.send(link, mavlink.MAVLink_message_interval_message(number, interval_us))
         return ACCEPTED
 
-    def _request_version(self, link: int, p: list[float]) -> int:
+    def _request_autopilot_capabilities(self, link: int, p: list[float]) -> int:
         return self.request(link, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) if p[0] == 1 else FAILED
 
-    def _test_motor(self, _: int, __: list[float]) -> int:
+    def _do_motor_test(self, _: int, __: list[float]) -> int:
         """Refuse: which motor turns which way is asked of the real ArduSub."""
         if not self._board.armed:
             self._board.say(WARNING, "Arm motors before testing motors.")
         self._board.say(WARNING, "motor test initialization failed!")
         return FAILED
 
-    def _send_banner(self, link: int, _: list[float]) -> int:
+    def _do_send_banner(self, link: int, _: list[float]) -> int:
         self._board.say_banner(link)
         return ACCEPTED
 
-    def _terminate(self, _: int, p: list[float]) -> int:
+    def _do_flighttermination(self, _: int, p: list[float]) -> int:
         return self._board.disarm() if p[0] > 0.5 else FAILED
 
-    def _reboot(self, _: int, p: list[float]) -> int:
+    def _preflight_reboot_shutdown(self, _: int, p: list[float]) -> int:
         if self._board.armed and p[5] != FORCE_REBOOT:
             return FAILED
         self._board.reboot_requested = p[0] in (1, 3)
         return ACCEPTED if self._board.reboot_requested else UNSUPPORTED
 
-    def _calibrate(self, _: int, p: list[float]) -> int:
+    def _preflight_calibration(self, _: int, p: list[float]) -> int:
         """Calibrate the barometer; gyro and level trim are accepted and change nothing."""
         if self._board.armed:
             return FAILED

@@ -30,12 +30,7 @@ class Parameters:
     """A table of values by name, in the order that PARAM_REQUEST_LIST tells them."""
 
     def __init__(self, overrides: Mapping[str, float]) -> None:
-        """Start from the defaults.
-
-        Raises:
-            ValueError: an override names no known parameter, or does not fit its type.
-
-        """
+        """Start from the defaults; ValueError for an override that is unknown or does not fit its type."""
         self.names = tuple(DEFAULTS)
         self.index = {name: index for index, name in enumerate(self.names)}
         self._values = {name: kind.default for name, kind in DEFAULTS.items()}

@@ -19,11 +19,8 @@ FN_INPUT_HOLD, FN_ROLL_PITCH = 48, 49
 class Pilot:
     """Channels in µs. `pending` holds overrides since the last input loop; `channels` what is in force.
 
-    Args:
-        params: read live, but for JS_GAIN_DEFAULT, which counts at boot only.
-        press: called on the edge of a button's press with its function number, if it is not the pilot's own.
-        say: sends a STATUSTEXT of severity INFO.
-
+    `params` are read live, but JS_GAIN_DEFAULT counts at boot only. `press` gets a button's function on the
+    edge of its press, if it is not the pilot's own. `say` sends a STATUSTEXT of severity INFO.
     """
 
     def __init__(self, params: Parameters, press: Callable[[int], None], say: Callable[[str], None]) -> None:

@@ -59,15 +59,8 @@ def moved(
 ) -> tuple[Motors, State, Six]:
     """One step of motors and body; return both, and nu' (body, at the middle of the step).
 
-    Args:
-        hull: the vehicle.
-        motors: what its thrusters do.
-        state: x, y, z, quaternion, nu.
-        static: thrust (N) to which the motors' commands lead.
-        force: external force at the centre of gravity, NED (N).
-        flow: velocity and acceleration of the water, NED (m/s, m/s²).
-        wet: 0..1, the part of the thrusters that is under water.
-
+    `static` is the thrust (N) to which the motors' commands lead, `force` and `flow` are those of
+    `plant.derivative`, and `wet` (0..1) is the part of the thrusters that is under water.
     """
     fitted, starting = hull.thrusters, motors.starting
     if fitted.start_s > 0.0:
@@ -136,13 +129,9 @@ class Physics:
         return self._hull.thrusters.number
 
     def step(self, pwm: Sequence[int], since_arming_s: float, dt_s: float = STEP_S) -> None:
-        """Advance by `dt_s`, however long.
+        """Advance by `dt_s`, however long; `pwm` (µs) of more motors than there are is ignored.
 
-        Args:
-            pwm: of each motor, µs; what exceeds the number of thrusters is ignored.
-            since_arming_s: time since the first arming, negative before it; the load's timetable.
-            dt_s: time to advance (s).
-
+        The load's timetable is `since_arming_s`, the time since the first arming, negative before it.
         """
         driven = tuple(pwm[: self.thrusters])
         if self._config.thrusters.delay_s:
@@ -166,7 +155,6 @@ class Physics:
         self.time_s += dt_s
 
     def _delayed(self, pwm: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the PWM that reaches the motors now."""
         waiting = self._on_the_way
         waiting.append((self.time_s + self._config.thrusters.delay_s, pwm))
         while len(waiting) > 1 and waiting[1][0] <= self.time_s + 1e-9:
@@ -180,7 +168,6 @@ class Physics:
         self._hull = plant_of(self._config, dt_s / self._parts)
 
     def _wet(self) -> float:
-        """Return the part of the thrusters that is under water."""
         dry_height_m, (x, y, z) = self._config.thrusters.dry_height_m, self.state[:3]
         if not dry_height_m or z >= self._wave_height_m:
             return 1.0

@@ -59,14 +59,7 @@ class CableChain:
         """Force on the anchor (N, NED)."""
 
     def pull(self, place: Three, speed: Three, current: Current) -> Three:
-        """Advance by a step, and return the force on the vehicle (N, NED).
-
-        Args:
-            place: of the vehicle (m, NED).
-            speed: of the vehicle (m/s, NED).
-            current: of the water.
-
-        """
+        """Advance by a step; return the force on the vehicle (N), whose place and speed are in NED."""
         places, speeds = self._places, self._speeds
         places[-1], speeds[-1] = place, speed
         pulls = [self._tension(i) for i in range(len(places) - 1)]

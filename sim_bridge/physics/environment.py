@@ -106,7 +106,6 @@ class Ground:
 
 
 def _at_rest(_: float) -> tuple[float, float]:
-    """Water without a current."""
     return 0.0, 0.0
 
 
@@ -134,11 +133,7 @@ class Environment:
     def step(self, t_s: float, since_arming_s: float, state: State) -> tuple[Force, Flow]:
         """Force at the centre of gravity (N) and flow (m/s, m/s²) for one step; both NED.
 
-        Args:
-            t_s: time of the simulation.
-            since_arming_s: time since the first arming; negative before it.
-            state: x, y, z (m, NED), quaternion body to NED, nu (m/s, rad/s, body).
-
+        `since_arming_s` is the time since the first arming, negative before it.
         """
         x, y, z = state[:3]
         flow = self.sea.flow(t_s, x, y, z) if self.sea else STILL_WATER

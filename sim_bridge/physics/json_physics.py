@@ -102,12 +102,9 @@ class Responder:
     """
 
     def __init__(self, move: Callable[[Frame, float], Motion], step_s: float | None = None) -> None:
-        """Prepare to answer.
+        """Prepare to answer; `move` advances the body by a time (s) under a frame's outputs.
 
-        Args:
-            move: advances the body by a time (s) under a frame's outputs.
-            step_s: that time; the firmware then does not wait for the wall clock. None: 1/frame_rate.
-
+        That is `step_s`, and the firmware then does not wait for the wall clock; None: 1/frame_rate.
         """
         self._move = move
         self._step_s = step_s

@@ -163,15 +163,10 @@ def buoyancy(body: Body, z: float) -> float:
 
 
 def derivative(body: Body, state: State, tau: Six, force: Three, flow: Six) -> State:
-    """Time derivative of the state.
+    """Time derivative of the state under the thrusters' wrench `tau` (body; N, N·m).
 
-    Args:
-        body: the vehicle.
-        state: x, y, z, q0..q3, u, v, w, p, q, r.
-        tau: X, Y, Z, K, M, N of the thrusters, body frame (N, N·m).
-        force: external force at the centre of gravity, NED (N).
-        flow: velocity and acceleration of the water, NED (m/s, m/s²).
-
+    `force` acts from outside at the centre of gravity (NED, N); `flow` is velocity and acceleration of the
+    water (NED; m/s, m/s²).
     """
     m, total_mass, added_mass, linear, quadratic, W, _, zb, _, (s_u, s_v, s_n) = body
     _, _, z, q0, q1, q2, q3, u, v, w, p, q, r = state

@@ -52,12 +52,9 @@ class PositionErrors:
         self._until_fix_s = config.usbl.period_s
 
     def step(self, misled: tuple[float, float], *, locked: bool) -> None:
-        """Go on by one step.
+        """Go on by one step; the DVL measures if it is `locked`.
 
-        Args:
-            misled: what a wrong heading makes of the DVL's velocity, less the true one, north and east (m/s).
-            locked: whether the DVL measures.
-
+        A wrong heading makes more of its velocity than is true, by `misled`, north and east (m/s).
         """
         dt, normal = self._step_s, self._rng.standard_normal
         self._unaided_s = 0.0 if locked else self._unaided_s + dt

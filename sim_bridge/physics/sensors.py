@@ -255,7 +255,6 @@ class Sensors:
         return self._attitude_defects.bias - self._deviation_rad
 
     def _is_locked(self, state: State) -> bool:
-        """Whether the DVL measures."""
         config = self._config
         over_m = math.nan if self._seabed is None else self._seabed.depth_at(state[0], state[1]) - state[2]
         in_range = math.isnan(over_m) or config.dvl_min_altitude_m <= over_m <= config.dvl_max_altitude_m
@@ -369,7 +368,6 @@ class Sensors:
         )
 
     def _place(self, normal: Callable[[], float]) -> tuple[float, float, float, float]:
-        """x, y, vx, vy as measured."""
         if not self._errors:
             return 0.0, 0.0, 0.0, 0.0
         white, seen = self._config.dvl_white_m, self._delayed(self._config.dvl_delay_s)
