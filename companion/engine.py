@@ -16,7 +16,6 @@ from companion.core.permission import Permission, Wanted
 from companion.core.reference import Reference
 from companion.core.tick import Demand, Known, Memory
 from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
-from companion.guidance.datum import Datum
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
@@ -216,23 +215,23 @@ class Engine:
         return self._estimator.frame.now.outside(self._guidance.target.eta_d)
 
     def aim(self, setpoint: Setpoint) -> None:
-        """Take a new setpoint (`Guidance.aim`)."""
-        self._guidance.aim(setpoint)
+        """Take a new setpoint (`Sources.aim`)."""
+        self._guidance.sources.aim(setpoint)
 
     @property
     def asked(self) -> Vector:
         """What was asked for, NaN where nothing was."""
-        return self._guidance.asked
+        return self._guidance.sources.target.asked.eta_d
 
     @property
     def destination(self) -> Vector:
-        """Where a move goes (`Guidance.destination`)."""
-        return self._guidance.destination
+        """Where a move goes (`Course.destination`)."""
+        return self._guidance.sources.course.destination
 
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path that is followed, and what gives its places in the EKF's frame."""
-        return self._guidance.path
+        return self._guidance.sources.path
 
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
@@ -342,6 +341,7 @@ class Engine:
     ) -> tuple[Verdict, Permission]:
         """Return the supervisor's verdict, and who may steer."""
         guidance, before, last = self._guidance, self.verdict, self.last
+        sources = guidance.sources
         held = before.authority > 0.0 or before.state is State.ACTIVE
         requests = self._supervision.with_buttons(
             heard.requests, state.t_s, engage=demanded.engage, release=demanded.release
@@ -355,10 +355,10 @@ class Engine:
             loop=heard.loop,
             dt_s=heard.dt_s,
             held=guidance.engaged if held else guidance.holdable(state),
-            awaits_position=guidance.awaits_position,
-            offers_position=guidance.offers_position,
-            wants_ground=guidance.wants_ground,
-            doubts_range=guidance.doubts_range,
+            awaits_position=sources.awaits_position,
+            offers_position=sources.offers_position,
+            wants_ground=sources.altitude is not None,
+            doubts_range=sources.altitude is not None and sources.altitude.doubts,
             dofs=None if last is None else last.dofs,
             finite=last is None or last.demand.finite,
             full_override=demanded.full_override,
@@ -368,7 +368,6 @@ class Engine:
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
         frame = self._estimator.frame
-        guidance.count_from(self._datum(state))
         regained = guidance.update(self._supervision.previous, verdict, state, frame, engage=engage)
         return verdict, Permission(
             authority=verdict.authority,
@@ -390,18 +389,6 @@ class Engine:
         if not state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s:
             details[Condition.LINK_LOST] = self.heard.contact()
         return details
-
-    def _datum(self, state: VehicleState) -> Datum:
-        """Return what places count from now."""
-        autopilot, reported = self._autopilot, self._autopilot.parameters
-        origin, primary = autopilot.origin, int(reported.get("BARO_PRIMARY", -1.0)) + 1
-        boots, surface_pa = reported.get("STAT_BOOTCNT"), reported.get(f"BARO{primary}_GND_PRESS")
-        return Datum(
-            boot_s=state.boot_s,
-            boots=None if boots is None else int(boots),
-            origin_deg=None if origin is None else origin.place_deg,
-            surface_pa=surface_pa,
-        )
 
     def _reach(self, state: VehicleState) -> AxisCommand:
         return self._autopilot.reach(state.pilot_gain, self._envelope.max_axis)
@@ -467,7 +454,7 @@ class Engine:
             verdict=self.verdict,
             counters=replace(self._autopilot.counters),
             loop=heard.loop,
-            guided=self._guidance.guided,
+            guided=self._guidance.sources.guided,
             texts=(*self._fitness.introduced(heard.now_s), *said),
             refused=self._supervision.refused,
             disarms_in_s=self._supervision.disarms_in_s(state),

@@ -8,12 +8,11 @@ from companion.core.bounds import wrap
 from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.core.reference import State as ReferenceState
 from companion.estimation.frame import Offset
-from companion.guidance.datum import Datum
 from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
-from companion.guidance.target import from_here
+from companion.guidance.target import UNSET, from_here
 from companion.records import ZERO, Setpoint, Vector, vector
 from companion.steps import finish
 from companion.telemetry.commands import Follow, Goto, in_words
@@ -55,7 +54,7 @@ class Course:
         self._limits, self._speed, self._acceleration = limits, speed_mps, acceleration_mps2
         self.path = path
         self.words = "" if path is None else in_words(Follow(path=path.plan))
-        self.place: Vector = (math.nan,) * 4
+        self.place = UNSET
         self.place_from = "local"
         self.begun = self.done = False
         self.paused = False
@@ -65,8 +64,8 @@ class Course:
         """Why it cannot be followed from where it began."""
         self.frame = Offset()
         """In which its places are: the EKF's, as it was when the course began."""
-        self.datum: Datum | None = None
-        """What its places counted from when it was last under way; None before."""
+        self.displaced = ""
+        """Why its places are not where they were when it began."""
         self._offset = ZERO
         self._at = Setpoint(ZERO)
         """Where it is now; moves and paths end here."""
@@ -88,6 +87,13 @@ class Course:
         course.place, course.place_from, course.words = place(order), order.frame, in_words(order)
         return course
 
+    @classmethod
+    def none(cls, limits: Limits) -> Self:
+        """Return what stands where no course is under way: one that is over."""
+        course = cls(limits, 1.0, 1.0)
+        course.done = True
+        return course
+
     def goal(self, start: Vector) -> Vector:
         """Return where a move that begins at `start` goes, NaN where it stays."""
         if self.place_from == "local":
@@ -104,10 +110,20 @@ class Course:
         """Whether it is about x or y."""
         return self.path is not None or not (math.isnan(self.place[0]) and math.isnan(self.place[1]))
 
-    def kind(self, waits: bool) -> str:
-        """Return what it does, as `Guided.kind`; `waits` for a position."""
+    @property
+    def moves(self) -> bool:
+        """Whether it moves the target: it is not over, and nobody else does."""
+        return not (self.done or self.suspended)
+
+    @property
+    def destination(self) -> Vector:
+        """Where a move goes, NaN where none does, and of a step from here before it begins."""
+        return self.place if self.place_from == "local" and not self.done else UNSET
+
+    def kind(self, *, waits: bool, holds: bool) -> str:
+        """Return what it does, as `Guided.kind`; `waits` for a position, and whether anything is held."""
         if self.done:
-            return "refused" if self.refused else "hold"
+            return "refused" if self.refused else "hold" if holds else ""
         if self.paused:
             return "paused"
         if waits or not self.begun:

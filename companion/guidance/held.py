@@ -23,6 +23,8 @@ class HeldDofs:
         """Whether x and y were held when the position was lost."""
         self.moved_meanwhile = False
         """Whether the pilot has steered in surge or sway since then."""
+        self.has_position = False
+        """Whether there is a position, and has been for long enough."""
         self._unpositioned_t_s = -math.inf
 
     @property
@@ -50,20 +52,18 @@ class HeldDofs:
         self.engaged = (x, y, z, psi)
         self._released = either(self._released, overridden)
 
-    def lose_position(self, t_s: float) -> None:
-        """Let x and y go: there is no position."""
-        self._unpositioned_t_s = t_s
-        if self.engaged[X] or self.engaged[Y]:
-            self.engaged = (False, False, self.engaged[Z], self.engaged[PSI])
-            self.lost, self.moved_meanwhile = True, False
+    def follow_position(self, t_s: float, *, positioned: bool) -> None:
+        """Note whether there is a position; let x and y go where there is none."""
+        if not positioned:
+            self._unpositioned_t_s = t_s
+            if self.engaged[X] or self.engaged[Y]:
+                self.engaged = (False, False, self.engaged[Z], self.engaged[PSI])
+                self.lost, self.moved_meanwhile = True, False
+        self.has_position = t_s - self._unpositioned_t_s >= POSITION_SETTLES_S
 
     def want_here(self) -> None:
         """Want x and y where the vehicle is."""
         self.lost = self.moved_meanwhile = True
-
-    def settled(self, t_s: float) -> bool:
-        """Tell whether the position has been there for long enough."""
-        return t_s - self._unpositioned_t_s >= POSITION_SETTLES_S
 
     def take_up_position(self) -> Flags:
         """Hold x and y again; return them."""

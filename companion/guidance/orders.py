@@ -6,12 +6,9 @@ from typing import Any
 import msgspec
 
 from companion.config import Config
-from companion.core.bounds import wrap
-from companion.core.positioning import jacobian, to_inertial
 from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
-from companion.guidance.target import from_here, known
-from companion.records import LEVEL, PSI, ZERO, Angles, PositionTarget, Setpoint, Vector, chosen
+from companion.records import LEVEL, Angles, Vector
 from companion.steps import Steps, finish
 from companion.telemetry.commands import (
     Follow,
@@ -60,24 +57,6 @@ def angles(order: Goto | PathPlan) -> Angles:
 def number_of(value: float | msgspec.UnsetType) -> float:
     """Return a number that may be left out; NaN where it is."""
     return math.nan if isinstance(value, msgspec.UnsetType) else value
-
-
-def target_of(event: PositionTarget, here: Vector, *, positioned: bool) -> Setpoint:
-    """Return the ground station's target, NaN where nothing is said, with its rates; `here` is the vehicle's.
-
-    A step north or east from here means nothing where it is not `positioned`.
-    """
-    x, y, z, psi = event.place
-    if event.offset:
-        step = (x, y, z, math.nan) if positioned else (math.nan, math.nan, z, math.nan)
-        x, y, z, _ = from_here(here, step, body=event.body)
-    if event.turns:
-        psi = wrap(here[PSI] + psi)
-    J = jacobian(here[PSI] if event.body else 0.0)
-    velocity, acceleration = (
-        to_inertial(J, chosen(known(rates), rates, ZERO)) for rates in (event.velocity, event.acceleration)
-    )
-    return Setpoint((x, y, z, psi), velocity, acceleration)
 
 
 def place_words(eta: Vector, altitude_m: float = math.nan, held: Angles = LEVEL) -> str:

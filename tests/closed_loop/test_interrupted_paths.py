@@ -3,8 +3,10 @@
 import pytest
 from virtual import Dive, hold, shared
 
+from companion.config import load_config
 from companion.guidance.orders import order_of
-from companion.records import Reboot, Request, State
+from companion.guidance.sources import Sources
+from companion.records import GlobalOrigin, Reboot, Request, State
 from companion.telemetry.commands import Follow, Goto, SetPath
 from companion.telemetry.plan import PathPlan, Waypoint
 
@@ -85,8 +87,12 @@ def test_after_a_reboot_of_the_autopilot_it_is_not_resumed():
     while not any(isinstance(event, Reboot) for event in dive.engine.events):
         dive.run(0.02)
     dive.run(0.04)
-    with pytest.raises(ValueError, match="has not told its boot count and origin yet: try again"):
-        dive.engine.guide(RESUME)
-    dive.run(15.0)
     with pytest.raises(ValueError, match=r"the autopilot was restarted meanwhile.*Follow it anew"):
         dive.engine.guide(RESUME)
+
+
+def test_an_origin_that_is_another_displaces_a_path():
+    sources = Sources(load_config(), hold())
+    for latitude_deg, said in ((47.4, ""), (47.4, ""), (47.5, "the EKF's origin is another")):
+        sources.hear([GlobalOrigin(0.0, latitude_deg, 8.5, 0.0)])
+        assert sources.course.displaced == said

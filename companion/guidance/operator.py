@@ -1,0 +1,106 @@
+"""What an operator orders beyond a setpoint: a path, a move, a velocity, pause and resume.
+
+Each order is taken whole or, with a ValueError that says why, not at all.
+"""
+
+import math
+
+from companion.core.reference import Reference
+from companion.guidance.altitude import AltitudeHold
+from companion.guidance.course import Course
+from companion.guidance.orders import Order, angles, number_of
+from companion.guidance.paths.shapes import Path
+from companion.guidance.sources import Sources
+from companion.guidance.target import UNSET, known
+from companion.records import PSI, X, Y, Z, chosen
+from companion.telemetry.commands import Goto, SetPath, SetVelocity
+
+
+def take(order: Order, sources: Sources, now_s: float, reference: Reference) -> None:
+    """Take an order. Raises ValueError for what is not possible."""
+    match order:
+        case Path():
+            _follow(order, sources, reference)
+        case Goto():
+            _go_to(order, sources, reference)
+        case SetVelocity():
+            _move_at(order, sources, now_s)
+        case SetPath(action="hold"):
+            sources.hold_here(reference)
+        case _ if sources.course.done:
+            raise ValueError("there is no path and no move under way")
+        case SetPath(action="resume"):
+            _resume(sources, reference)
+        case _:
+            sources.course.paused = True
+
+
+def _follow(path: Path, sources: Sources, reference: Reference) -> None:
+    """Follow a path, from where it is, as soon as it may.
+
+    One that leaves the fence is refused, with the place; one that counts from where it engages, then.
+    """
+    plan, bounds = path.plan, sources.bounds
+    bounds.permit_altitude(plan.altitude_m)
+    sources.angles.permit(angles(plan))
+    course = Course(bounds.limits, plan.speed_mps, plan.acceleration_mps2, path=path)
+    if any(sources.held.engaged) or not any(path.relative[:PSI]):
+        bounds.check(course, sources.standing_outside(reference))
+    sources.angles.ask(angles(plan))
+    sources.altitude = AltitudeHold.of(number_of(plan.altitude_m))
+    sources.begin(course, UNSET)
+
+
+def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
+    """Go to a place in a straight line; coordinates that it does not name stay.
+
+    In `order.frame` "local" it counts from the origin, else from where the move begins: "offset" north,
+    east, down, or "body" forward, right, down. Refused are a place beyond the fence, north or east where
+    there never was a position, and an altitude that is too low, or beside a depth.
+    """
+    bounds, held, altitude_m = sources.bounds, sources.held, number_of(order.altitude_m)
+    course, held_angles = Course.to(order, bounds.limits), angles(order)
+    bounds.permit_altitude(order.altitude_m)
+    sources.angles.permit(held_angles)
+    here = sources.standing_outside(reference)
+    goal = course.goal(here)
+    named = known((goal[X], goal[Y], altitude_m if math.isnan(goal[Z]) else goal[Z], goal[PSI]))
+    if not math.isnan(altitude_m) and not math.isnan(goal[Z]):
+        raise ValueError("depth_m and altitude_m: name one of them")
+    unheld = any(held.engaged) and held.lacks_position and not held.lost
+    if any(named[:Z]) and unheld and not held.has_position:
+        raise ValueError(
+            "there is no position: x and y are not held, and north and east mean nothing. Go by depth "
+            "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
+        )
+    if any(held.engaged) or order.frame == "local":
+        bounds.check(course, here)
+    sources.angles.ask(held_angles)
+    if not any(named):
+        return
+    if named[Z]:
+        sources.altitude = AltitudeHold.of(altitude_m)
+    sources.begin(course, chosen(named, UNSET, sources.target.asked.eta_d))
+
+
+def _move_at(order: SetVelocity, sources: Sources, now_s: float) -> None:
+    """Move at a velocity; where it ends, the place is held."""
+    if not any(sources.held.engaged):
+        raise ValueError("velocity: nothing is held; engage first")
+    rate = math.radians(order.heading_rate_degps)
+    velocity = (order.forward_mps, order.right_mps, order.down_mps, rate)
+    sources.ask_velocity(now_s + order.lasts_s, velocity, body=order.frame == "body")
+
+
+def _resume(sources: Sources, reference: Reference) -> None:
+    """Go on with what is paused, unless its places are not where they were."""
+    course = sources.course
+    if course.begun and course.displaced:
+        raise ValueError(f"{course.displaced}; it cannot go on where it was interrupted. Follow it anew")
+    if course.begun and not any(sources.held.engaged):
+        raise ValueError("nothing is held, and it goes on from where it is held: engage first")
+    if course.path is not None:
+        plan = course.path.plan
+        sources.angles.ask(angles(plan))
+        sources.altitude = sources.altitude or AltitudeHold.of(number_of(plan.altitude_m))
+    course.resume(course.frame.outside(sources.standing(reference)))
