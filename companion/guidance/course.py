@@ -12,8 +12,8 @@ from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
 from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
-from companion.guidance.target import UNSET, from_here
-from companion.records import ZERO, Setpoint, Vector, vector
+from companion.guidance.target import UNSET, from_here, known
+from companion.records import ZERO, Setpoint, Vector, chosen, vector
 from companion.steps import finish
 from companion.telemetry.commands import Follow, Goto, in_words
 
@@ -108,7 +108,7 @@ class Course:
     @property
     def wants_position(self) -> bool:
         """Whether it is about x or y."""
-        return self.path is not None or not (math.isnan(self.place[0]) and math.isnan(self.place[1]))
+        return self.path is not None or any(known(self.place)[:2])
 
     @property
     def moves(self) -> bool:
@@ -180,7 +180,7 @@ class Course:
         self._at = Setpoint(start)
         if self.path is None:
             self.place, self.place_from = self.goal(start), "local"
-            self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, self.place, strict=True)]))
+            self._go_to(chosen(known(self.place), self.place, start))
         else:
             self._offset = self.path.start(start)
             self._next_leg()
@@ -199,7 +199,7 @@ class Course:
             if self._law is not None:
                 goal = self._moved(self._law.setpoint()).eta_d
             self._at = Setpoint(start)
-            self._go_to(vector([s if math.isnan(p) else p for s, p in zip(start, goal, strict=True)]))
+            self._go_to(chosen(known(goal), goal, start))
         self.paused = self.suspended = False
 
     def step(self, pace: float, dt_s: float) -> Setpoint:

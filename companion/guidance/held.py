@@ -7,7 +7,7 @@ when the position was lost, a setpoint, a course.
 import math
 
 from companion.guidance.pilot import NONE
-from companion.records import PSI, Flags, X, Y, Z, either
+from companion.records import PSI, Flags, X, Y, Z, either, without
 
 HORIZONTAL: Flags = (True, True, False, False)
 POSITION_SETTLES_S = 0.5
@@ -48,8 +48,7 @@ class HeldDofs:
 
     def release(self, overridden: Flags) -> None:
         """Release what the pilot takes back."""
-        x, y, z, psi = (held and not lost for held, lost in zip(self.engaged, overridden, strict=True))
-        self.engaged = (x, y, z, psi)
+        self.engaged = without(self.engaged, overridden)
         self._released = either(self._released, overridden)
 
     def follow_position(self, t_s: float, *, positioned: bool) -> None:

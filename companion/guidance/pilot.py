@@ -33,6 +33,7 @@ from companion.records import (
     Z,
     chosen,
     either,
+    vector,
 )
 
 STALE_S = 0.5
@@ -151,8 +152,8 @@ class Pilot:
         J = jacobian(psi)
         asked = chosen(held, to_inertial(J, demand.nu), ZERO)
         rate = bounds.fence.braked(target.eta_d, asked, bounds.max_acceleration)
-        x_free, y_free, z_free, psi_free = (slow == fast for slow, fast in zip(rate, asked, strict=True))
-        rate_dot = chosen((x_free, y_free, z_free, psi_free), to_inertial(J, demand.nu_dot), ZERO)
+        free = vector(slow == fast for slow, fast in zip(rate, asked, strict=True))
+        rate_dot = chosen(free, to_inertial(J, demand.nu_dot), ZERO)
         horizontal = rate[X] != 0.0 or rate[Y] != 0.0
         moving = (horizontal, horizontal, rate[Z] != 0.0, rate[PSI] != 0.0)
         moved_before, self._moved = self._moved, moving
@@ -205,32 +206,26 @@ class Pilot:
             room_m = depth_m if wanted[Z] < 0.0 else self._max_depth_m - depth_m
             brakes_in_time = math.sqrt(2.0 * self._axes[Z].max_acceleration * max(room_m, 0.0))
             wanted[Z] = math.copysign(min(abs(wanted[Z]), brakes_in_time), wanted[Z])
-        u, v, w, r = (
+        nu = vector(
             previous + limited(rate - previous, axis.max_acceleration * dt_s) if is_held else 0.0
             for previous, rate, axis, is_held in zip(self._nu, wanted, self._axes, held, strict=True)
         )
-        nu = (u, v, w, r)
         if dt_s == 0.0:
             return nu, ZERO
-        u_dot, v_dot, w_dot, r_dot = (
-            (now - previous) / dt_s if is_held else 0.0
-            for now, previous, is_held in zip(nu, self._nu, held, strict=True)
-        )
-        return nu, (u_dot, v_dot, w_dot, r_dot)
+        changes = zip(nu, self._nu, held, strict=True)
+        return nu, vector((now - old) / dt_s if is_held else 0.0 for now, old, is_held in changes)
 
     def _overridden(self, deflections: Vector, held: Flags, dt_s: float) -> Flags:
         """Return the degrees of freedom whose stick has been at full deflection for long enough.
 
         Surge and sway turn into x and y: either overrides both.
         """
-        u_s, v_s, w_s, r_s = (
+        self._full_s = vector(
             full_s + dt_s if is_held and abs(deflection) >= self._full_deflection else 0.0
             for full_s, deflection, is_held in zip(self._full_s, deflections, held, strict=True)
         )
-        self._full_s = (u_s, v_s, w_s, r_s)
-        long_s = self._full_deflection_s
-        horizontal = max(u_s, v_s) > long_s
-        return (horizontal, horizontal, w_s > long_s, r_s > long_s)
+        surge, sway, heave, yaw = (full_s > self._full_deflection_s for full_s in self._full_s)
+        return (surge or sway, surge or sway, heave, yaw)
 
 
 def beyond(deflection: float, dead_zone: float) -> float:

@@ -12,7 +12,7 @@ import math
 from companion.core.bounds import wrap
 from companion.core.positioning import jacobian, to_inertial
 from companion.estimation.frame import Offset
-from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen, vector
+from companion.records import PSI, ZERO, Flags, Setpoint, Vector, X, Y, Z, chosen, vector, without
 
 UNSET: Vector = (math.nan, math.nan, math.nan, math.nan)
 
@@ -49,18 +49,16 @@ class Target:
 
     def translate_asked(self, engaged: Flags, offset: Offset) -> None:
         """Say in the EKF's new frame where that lies which was asked for and is held."""
-        held = [
-            is_engaged and asked for is_engaged, asked in zip(engaged, known(self.asked.eta_d), strict=True)
-        ]
-        self.ask_places((held[X], held[Y], held[Z], held[PSI]), offset.outside(self.now.eta_d))
+        held = without(engaged, vector(map(math.isnan, self.asked.eta_d)))
+        self.ask_places(held, offset.outside(self.now.eta_d))
 
     def carry_on(self, now_s: float, dt_s: float) -> None:
         """Move the target on by its own rate and acceleration, until nothing came for too long."""
         if not now_s < self.carries_until_s:
             self.stop_carrying()
             return
-        eta, rate, rise = self.now
-        x, y, z, psi = (at + dt_s * (v + 0.5 * dt_s * a) for at, v, a in zip(eta, rate, rise, strict=True))
+        _, rate, rise = self.now
+        x, y, z, psi = (at + dt_s * (v + 0.5 * dt_s * a) for at, v, a in zip(*self.now, strict=True))
         faster = vector(v + dt_s * a for v, a in zip(rate, rise, strict=True))
         self.now = Setpoint((x, y, z, wrap(psi)), faster, rise)
 
@@ -78,8 +76,7 @@ class Target:
 
 def known(eta: Vector) -> Flags:
     """Tell by degree of freedom whether a place is said."""
-    x, y, z, psi = eta
-    return (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
+    return vector(not math.isnan(place) for place in eta)
 
 
 def from_here(here: Vector, step: Vector, *, body: bool) -> Vector:
