@@ -407,7 +407,7 @@ class Engine:
         target = guidance.step(demanded, heard.reports, verdict, state, reference, dt_s)
         full = verdict.state is State.ACTIVE and verdict.authority >= 1.0
         pitches = full and known.dead_motor <= HORIZONTAL
-        return Wanted(target, guidance.engaged, guidance.angles if pitches else LEVEL)
+        return Wanted(target, guidance.engaged, guidance.sources.angles.asked if pitches else LEVEL)
 
     def _guard(self, demand: Demand, state: VehicleState, demanded: PilotDemand, verdict: Verdict) -> Guarded:
         """Bound what is demanded, and leave the pilot's axes to him."""
@@ -442,10 +442,11 @@ class Engine:
     def _record(self, done: Tick) -> ControlSample:
         """Return the record of a tick."""
         heard, state, frame, actuated = done.heard, done.state, self._estimator.frame, self.memory.actuated
+        references = self._guidance.references
         said = [report for report in heard.reports if isinstance(report, StatusText)]
         return ControlSample(
             state=frame.reported_state(state),
-            eta_d=frame.now.outside(self._guidance.reference_now(done.dofs.x_d, state)),
+            eta_d=frame.now.outside(references.step(done.dofs.x_d, state.t_s, state.ahead_s)),
             angles_d=attitude.angles(actuated.held),
             dofs=frame.reported_dofs(done.dofs),
             command=done.guarded.command,

@@ -137,10 +137,6 @@ class Course:
             return self.refused
         return self.path.plan.name
 
-    def refuse(self, why: str) -> None:
-        """End: it leads nowhere."""
-        self.refused, self.done = why, True
-
     @property
     def length_m(self) -> float:
         """Of one lap; 0 for a move."""

@@ -31,14 +31,12 @@ from companion.records import (
     LEVEL,
     PSI,
     ZERO,
-    Angles,
     Condition,
     Event,
     Flags,
     Ground,
     Setpoint,
     State,
-    Vector,
     VehicleState,
     Verdict,
     X,
@@ -53,7 +51,8 @@ class Guidance:
 
     def __init__(self, config: Config, setpoint: Setpoint) -> None:
         self.sources = Sources(config, setpoint)
-        self._references = ReferenceHistory()
+        self.references = ReferenceHistory()
+        """Of what was held, for the record of each tick."""
         self._waits = False
         """Whether an interruption is ridden out: nothing of what is wanted changes."""
 
@@ -66,11 +65,6 @@ class Guidance:
     def engaged(self) -> Flags:
         """The degrees of freedom that the law holds."""
         return self.sources.held.engaged
-
-    @property
-    def angles(self) -> Angles:
-        """The angles of roll and pitch that were asked for."""
-        return self.sources.angles.asked
 
     def guide(self, order: Order, now_s: float, reference: Reference) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
@@ -131,7 +125,7 @@ class Guidance:
 
     def _rest(self, previous: Verdict, verdict: Verdict, state: VehicleState, *, waited: bool) -> None:
         """Hold nothing; while an interruption is ridden out, nothing of what is wanted changes."""
-        self._references.clear()
+        self.references.clear()
         if Condition.INTERRUPTED in verdict.conditions and (waited or previous.authority > 0.0):
             self._waits = verdict.state is State.ACTIVE
         if self._waits:
@@ -196,10 +190,6 @@ class Guidance:
                 self._keep_altitude(state.ground, dt_s)
         return sources.bounds.fenced(target.now, sources.frame.now)
 
-    def reference_now(self, ahead: Vector, state: VehicleState) -> Vector:
-        """Take the reference of `state.ahead_s` from now; return that of now, taken before: inside."""
-        return self._references.step(ahead, state.t_s, state.ahead_s)
-
     def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> None:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
@@ -250,7 +240,8 @@ class Guidance:
         try:
             self._step_course(course, state, reference, dt_s)
         except (ArithmeticError, ValueError) as error:
-            course.refuse(f"it cannot be followed: {error}" if course.begun else str(error))
+            course.refused = f"it cannot be followed: {error}" if course.begun else str(error)
+            course.done = True
             if course.begun:
                 self.sources.target.now = Setpoint(self.sources.standing(reference))
 

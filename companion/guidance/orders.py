@@ -9,7 +9,7 @@ from companion.config import Config
 from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
 from companion.records import LEVEL, Angles, Vector
-from companion.steps import Steps, finish
+from companion.steps import Steps
 from companion.telemetry.commands import (
     Follow,
     Goto,
@@ -25,13 +25,11 @@ from companion.telemetry.plan import PathPlan
 Order = Path | Goto | SetPath | SetVelocity
 
 
-def order_of(command: Payload, config: Config) -> Order | None:
-    """Return the order that a command is; None for another. Raises ValueError for a path that is none."""
-    return finish(ordering(command, config))
-
-
 def ordering(command: Payload, config: Config) -> Steps[Order | None]:
-    """Do the same in steps: a long path takes a second."""
+    """Return the order that a command is, in steps: a long path takes a second; None for another command.
+
+    Raises ValueError for a path that is none.
+    """
     if isinstance(command, SetSetpoint) and command.altitude_m is not msgspec.UNSET:
         return Goto(**named(command))
     if isinstance(command, Follow):

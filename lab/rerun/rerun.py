@@ -20,10 +20,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
 from companion.engine import Engine
-from companion.guidance.orders import order_of
+from companion.guidance.orders import ordering
 from companion.identify.samples import NoDiveError
 from companion.mavlink.signing import Signing
 from companion.records import LoopHealth, Request, Setpoint, vector
+from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
@@ -135,7 +136,7 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     for raw in tape.ticks:
         if raw.setpoint is not None:
             engine.aim(Setpoint(*(vector(raw.setpoint[i : i + 4]) for i in range(0, len(raw.setpoint), 4))))
-        if raw.order is not None and (order := order_of(parse(*raw.order), config)) is not None:
+        if raw.order is not None and (order := finish(ordering(parse(*raw.order), config))) is not None:
             engine.guide(order)
         if raw.config is not None and follow:
             tuned = load_config(DEFAULT_FILE, _overlay(raw.config, []))

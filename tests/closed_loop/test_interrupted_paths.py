@@ -4,9 +4,10 @@ import pytest
 from virtual import Dive, hold, shared
 
 from companion.config import load_config
-from companion.guidance.orders import order_of
+from companion.guidance.orders import ordering
 from companion.guidance.sources import Sources
 from companion.records import GlobalOrigin, Reboot, Request, State
+from companion.steps import finish
 from companion.telemetry.commands import Follow, Goto, SetPath
 from companion.telemetry.plan import PathPlan, Waypoint
 
@@ -22,7 +23,7 @@ RESUME = SetPath(action="resume")
 
 
 def follow(dive, command):
-    order = order_of(command, dive.engine.config)
+    order = finish(ordering(command, dive.engine.config))
     assert order is not None
     dive.engine.guide(order)
 

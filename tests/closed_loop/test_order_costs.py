@@ -13,8 +13,8 @@ from virtual import Somebody
 
 from companion.config import load_config
 from companion.guidance.drawing import drawing
-from companion.guidance.orders import order_of
-from companion.steps import Task
+from companion.guidance.orders import ordering
+from companion.steps import Task, finish
 from companion.telemetry.commands import MAX_PATH_BYTES, parse
 from companion.telemetry.plan import MAX_SEGMENTS
 
@@ -131,7 +131,7 @@ def test_what_takes_longer_is_done_between_ticks_less_than_a_millisecond_at_a_ti
 def test_a_path_is_dropped_at_once(order):
     """Memory is given back block by block, 25 ns each."""
     _, what = COSTLIEST[order]
-    path = order_of(parse("follow", json.dumps(what).encode()), load_config())
+    path = finish(ordering(parse("follow", json.dumps(what).encode()), load_config()))
     before = sys.getallocatedblocks()
     del path
     assert before - sys.getallocatedblocks() < 30_000

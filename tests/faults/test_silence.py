@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from virtual import Dive, Somebody, active, hold, shared
 
 from companion.config import load_config
-from companion.guidance.orders import order_of
+from companion.guidance.orders import ordering
 from companion.records import PSI, ZERO, Condition, Request, State, X, Z
+from companion.steps import finish
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import Follow
@@ -149,7 +150,7 @@ def test_a_dive_over_a_link_that_pauses_ends_where_it_began_and_is_told_once(pat
     """0.3 to 0.9 s each 20 s, nobody at a ground station: the autopilot would disarm what nobody steers."""
     dive, log, told = placed(), EventLog(), []
     if path:
-        dive.engine.guide(order_of(Follow(path=LINE), dive.engine.config))
+        dive.engine.guide(finish(ordering(Follow(path=LINE), dive.engine.config)))
     there = (6.0, 0.0, 2.5, *dive.step.truth.eta[3:]) if path else dive.step.truth.eta
     for seconds in (0.3, 0.6, 0.9, 0.75):
         dive.fault("link_cut", seconds)
