@@ -112,7 +112,7 @@ class Engine:
         self._estimator = assembly.estimator(config)
         self._fitness = Fitness(autopilot)
         self._supervision = Supervision(config, autopilot.parameters, arm=arm)
-        self.refusal = self._supervision.refusal
+        self.refusal = self._supervision.engagement.refusal
         self._guidance = Guidance(config, setpoint)
         self.parameters = assembly.parameters(config)
         """What the core knows beforehand."""
@@ -313,7 +313,7 @@ class Engine:
             control_dt_s=min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
             events=events,
             reports=[event for event in events if type(event) not in SAMPLES],
-            requests=self._supervision.accepted(requests),
+            requests=self._supervision.engagement.accepted(requests),
             loop=loop,
         )
 
@@ -343,7 +343,7 @@ class Engine:
         guidance, before, last = self._guidance, self.verdict, self.last
         sources = guidance.sources
         held = before.authority > 0.0 or before.state is State.ACTIVE
-        requests = self._supervision.with_buttons(
+        requests = self._supervision.engagement.with_buttons(
             heard.requests, state.t_s, engage=demanded.engage, release=demanded.release
         )
         thrusters = self.parameters.actuation.thrusters
@@ -427,8 +427,8 @@ class Engine:
             state.t_s,
             heard.reports,
             mode=supervision.wanted_mode(state),
-            arm=supervision.asks_arming,
-            confirm=supervision.unconfirmed,
+            arm=supervision.engagement.asks_arming,
+            confirm=supervision.engagement.unconfirmed,
         )
         if guarded.steers:
             frames.append(autopilot.steer(guarded.command, state.pilot_gain, guarded.pilot))
@@ -457,7 +457,7 @@ class Engine:
             loop=heard.loop,
             guided=self._guidance.sources.guided,
             texts=(*self._fitness.introduced(heard.now_s), *said),
-            refused=self._supervision.refused,
+            refused=self._supervision.engagement.refused,
             disarms_in_s=self._supervision.disarms_in_s(state),
         )
 

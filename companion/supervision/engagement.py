@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
 from companion.supervision.conditions import BLOCKING
-from companion.supervision.supervisor import FAULT_CAUSES, first_remedy
+from companion.supervision.supervisor import FAULT_CAUSES, JUST_STARTED, first_remedy
 from companion.telemetry.glossary import ENGAGE, NO_DETAILS, Details, advised, text
 from companion.telemetry.modes import Mode
 
@@ -22,6 +22,10 @@ class Engagement:
 
     def __init__(self, *, arm: bool) -> None:
         self._arm = arm
+        self._verdict, self._mode, self._details = JUST_STARTED, -1, NO_DETAILS
+        """Of the last tick."""
+        self.refused = ""
+        """Why the engage button was refused in this tick."""
         self._wanted = False
         self._until_s = math.inf
         self.unconfirmed = frozenset[str]()
@@ -38,12 +42,13 @@ class Engagement:
         todo = "wait: Holdfast arms it" if self._wanted else f"{ENGAGE}: that arms it too"
         return {C.DISARMED: ("", todo)} if self._arm else NO_DETAILS
 
-    def refusal(self, request: Request, verdict: Verdict, mode: int, details: Details) -> str:
-        """Return why a request is refused and what to do; empty where it is accepted.
+    def refusal(self, request: Request, judged: Verdict | None = None) -> str:
+        """Return why a request is refused now, or by another verdict, and what to do; empty if accepted.
 
         ENGAGE is accepted where nothing is missing but what follows from it: the flight mode, and arming
         where that is permitted. CLEAR_FAULT also makes a motor trusted again that was found dead.
         """
+        verdict, details = judged or self._verdict, self._details
         state, held = verdict.state, verdict.conditions
         dead_motor = held & (C.THRUSTER_DEAD | C.THRUSTER_MISSED)
         if request is Request.CLEAR_FAULT and state is not State.FAULT and not dead_motor:
@@ -62,35 +67,38 @@ class Engagement:
             )
         else:
             held &= (BLOCKING_ARMED if self._arm else BLOCKING) & ~C.WRONG_MODE | C.PILOT_TAKEOVER
-            if mode == Mode.SURFACE:
+            if self._mode == Mode.SURFACE:
                 return advised("the vehicle surfaces", "choose another flight mode")
         return advised(text(held, details), first_remedy(held, details)) if held else ""
 
-    def accepted(
-        self, requests: Sequence[Request], verdict: Verdict, mode: int, details: Details
-    ) -> list[Request]:
+    def accepted(self, requests: Sequence[Request]) -> list[Request]:
         """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
         kept: list[Request] = []
         for request in requests:
-            waits = verdict.state is State.IDLE or Request.CLEAR_FAULT in kept
-            if (request is Request.ENGAGE and waits) or not self.refusal(request, verdict, mode, details):
+            waits = self._verdict.state is State.IDLE or Request.CLEAR_FAULT in kept
+            if (request is Request.ENGAGE and waits) or not self.refusal(request):
                 kept.append(request)
         return kept
 
-    def pressed(
-        self, verdict: Verdict, mode: int, details: Details, now_s: float
-    ) -> tuple[list[Request], str]:
-        """Return what the engage button asks for, and why it is refused.
+    def with_buttons(
+        self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
+    ) -> list[Request]:
+        """Return `requests` and what the pilot's buttons ask for; `refused` says why one is refused.
 
-        The button also clears a fault whose cause has gone.
+        The engage button also clears a fault whose cause has gone.
         """
+        self.refused, verdict = "", self._verdict
+        if release:
+            return [*requests, Request.STOP]
+        if not engage:
+            return [*requests]
         clears = verdict.state is State.FAULT and not verdict.conditions & FAULT_CAUSES
         judged = Verdict(State.IDLE, verdict.conditions, 0.0, "") if clears else verdict
-        refused = self.refusal(Request.ENGAGE, judged, mode, details)
-        if refused:
-            return [], refused
+        self.refused = self.refusal(Request.ENGAGE, judged)
+        if self.refused:
+            return [*requests]
         self._until_s = now_s + ENGAGE_S
-        return [*([Request.CLEAR_FAULT] if clears else []), Request.ENGAGE], ""
+        return [*requests, *([Request.CLEAR_FAULT] if clears else []), Request.ENGAGE]
 
     def step(
         self,
@@ -110,12 +118,14 @@ class Engagement:
         """Drop the request."""
         self._wanted, self.unconfirmed, self._until_s = False, frozenset(), math.inf
 
-    def update(self, previous: Verdict, verdict: Verdict) -> None:
-        """Drop the request after a fault, or when ACTIVE ends."""
-        ended = previous.state is State.ACTIVE and verdict.state is not State.ACTIVE
+    def update(self, verdict: Verdict, mode: int, details: Details) -> None:
+        """Take this tick's verdict; drop the request after a fault, or when ACTIVE ends."""
+        ended = self._verdict.state is State.ACTIVE and verdict.state is not State.ACTIVE
+        self._verdict, self._mode, self._details = verdict, mode, details
         if verdict.state is State.FAULT or ended:
             self.forget()
 
-    def asks_arming(self, verdict: Verdict) -> bool:
-        """Tell whether to request arming: when only arming is missing for engaging."""
-        return self._arm and self.asked and not verdict.conditions & BLOCKING_ARMED
+    @property
+    def asks_arming(self) -> bool:
+        """Whether to request arming: when only arming is missing for engaging."""
+        return self._arm and self.asked and not self._verdict.conditions & BLOCKING_ARMED

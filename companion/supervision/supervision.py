@@ -4,17 +4,16 @@ This package alone owns the state, the flight mode and the request to engage.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from companion.config import Config
-from companion.records import Condition, Request, State, VehicleState, Verdict
+from companion.records import State, VehicleState, Verdict
 from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import STEERING_MODES, FlightMode
 from companion.supervision.monitor import Monitor
 from companion.supervision.situation import Observation, Situation
-from companion.supervision.supervisor import StateMachine
-from companion.telemetry.glossary import NO_DETAILS
+from companion.supervision.supervisor import JUST_STARTED, StateMachine
 from companion.telemetry.modes import Mode
 
 DISARM = 2.0
@@ -30,16 +29,12 @@ class Supervision:
         """Take the autopilot's `parameters`, which keep changing."""
         self._machine = StateMachine(config.supervisor.ramp_down_s, config.supervisor.ramp_up_s)
         self._monitor = Monitor()
-        self._engagement = Engagement(arm=arm)
+        self.engagement = Engagement(arm=arm)
         self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
         self._config = config
         self._parameters = parameters
-        self.previous = self.verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
-        self._mode = -1
+        self.previous = self.verdict = JUST_STARTED
         self._steered_s = -math.inf
-        self._details = NO_DETAILS
-        self.refused = ""
-        """Why the engage button was refused in this tick."""
 
     def retune(self, config: Config, *, changed: bool) -> None:
         """Go on with `config`."""
@@ -49,30 +44,13 @@ class Supervision:
         if changed:
             self._monitor.config_changed()
 
-    def refusal(self, request: Request) -> str:
-        """Return why a request is refused now, and what to do; empty where it is accepted."""
-        return self._engagement.refusal(request, self.verdict, self._mode, self._details)
-
-    def accepted(self, requests: Sequence[Request]) -> list[Request]:
-        """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
-        return self._engagement.accepted(requests, self.verdict, self._mode, self._details)
-
-    def with_buttons(
-        self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
-    ) -> list[Request]:
-        """Return `requests` and what the pilot's buttons ask for; `refused` says why one is refused."""
-        self.refused, pressed = "", [Request.STOP] if release else []
-        if engage and not release:
-            pressed, self.refused = self._engagement.pressed(self.verdict, self._mode, self._details, now_s)
-        return [*requests, *pressed]
-
     def step(self, observed: Observation) -> Verdict:
         """Return who may steer this tick."""
         config, mode, previous = self._config, self._flight_mode, self.verdict
         limits, state, dt_s = config.supervisor, observed.state, observed.dt_s
         active, steered = previous.state is State.ACTIVE, previous.authority > 0.0
         tick_s = 1.0 / config.loop.rate_hz
-        self._engagement.step(observed.requests, observed.events, self._parameters, state.t_s)
+        self.engagement.step(observed.requests, observed.events, self._parameters, state.t_s)
         hand_over = mode.step_hand_over(
             previous, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
@@ -89,14 +67,13 @@ class Supervision:
             steered=steered,
             hand_over=hand_over,
             ramped_down=self._machine.ramped_down(dt_s),
-            engage=self._engagement.asked,
+            engage=self.engagement.asked,
         )
-        self._details = {**observed.details, **self._engagement.details}
-        verdict = self._machine.step(assess(now, limits), dt_s, self._details)
+        details = {**observed.details, **self.engagement.details}
+        verdict = self._machine.step(assess(now, limits), dt_s, details)
         mode.update(previous, verdict, state)
-        self._engagement.update(previous, verdict)
+        self.engagement.update(verdict, state.mode, details)
         self.previous, self.verdict = previous, verdict
-        self._mode = state.mode
         return verdict
 
     def steers(self, state: VehicleState) -> bool:
@@ -117,17 +94,7 @@ class Supervision:
 
     def wanted_mode(self, state: VehicleState) -> Mode | None:
         """Return the flight mode to request; None for no request."""
-        return self._flight_mode.wanted(self.verdict, state, engage=self._engagement.asked)
-
-    @property
-    def asks_arming(self) -> bool:
-        """Whether to request arming."""
-        return self._engagement.asks_arming(self.verdict)
-
-    @property
-    def unconfirmed(self) -> frozenset[str]:
-        """The parameters to read before a request to engage takes effect."""
-        return self._engagement.unconfirmed
+        return self._flight_mode.wanted(self.verdict, state, engage=self.engagement.asked)
 
     def restore_mode(self) -> Mode | None:
         """Return the flight mode to request with each shutdown frame; None for no request."""

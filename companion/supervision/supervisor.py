@@ -21,6 +21,7 @@ CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
 LATCHED = (S.FAULT, S.PILOT)
 """States that outlast their cause."""
 FREE = (S.IDLE, S.READY)
+JUST_STARTED = Verdict(S.IDLE, NOTHING, 0.0, "just started")
 
 
 @cache
@@ -83,7 +84,7 @@ class StateMachine:
     def __init__(self, ramp_down_s: float, ramp_up_s: float = 0.0) -> None:
         self.ramp_down_s = ramp_down_s
         self.ramp_up_s = ramp_up_s
-        self._verdict = Verdict(State.IDLE, NOTHING, 0.0, "just started")
+        self._verdict = JUST_STARTED
         self._reason, self._cause = self._verdict.reason, NOTHING
         """Of the last transition: why, and the one condition that it was for."""
         self._ended = ""
