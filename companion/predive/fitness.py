@@ -23,7 +23,7 @@ class Fitness:
         self._checked_s = -math.inf
         self._about = ""
         self.listed: list[CheckRow] = []
-        """The list as it was made last."""
+        """The list as it was made last, as far as it is known without trying anything."""
         self._failure = ""
 
     def step(
@@ -39,13 +39,9 @@ class Fitness:
         self._survey.take(events)
         if state.t_s - self._checked_s >= CHECK_S:
             self._checked_s = state.t_s
-            self.listed = self.checked(state, config, conditions)
+            self.listed = rows(self._survey.observed(state, conditions), config)
             self._failure = refusals(self.listed, holding=holding)
         return self._failure
-
-    def checked(self, state: VehicleState, config: Config, conditions: Condition) -> list[CheckRow]:
-        """Return the pre-dive list as far as it is known without trying anything."""
-        return rows(self._survey.observed(state, conditions), config)
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:
         """Say, once it is known and whenever it changes, which autopilot this is."""

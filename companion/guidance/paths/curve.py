@@ -128,23 +128,21 @@ def straight(start: Vector, end: Vector) -> Curve | None:
     return Curve([Node(0.0, start, dp, ZERO), Node(s, (*end[:3], start[3] + turn), dp, ZERO)])
 
 
-def sampled(
-    point: Callable[[float], tuple[Point, Point, Point]], start: float, end: float, count: int
-) -> Iterator[Node]:
-    """Give `count` + 1 nodes of a curve that is given by another parameter t from `start` to `end`.
+def sampled(point: Callable[[float], tuple[Point, Point, Point]], end: float, count: int) -> Iterator[Node]:
+    """Give `count` + 1 nodes of a curve that is given by another parameter t from 0 to `end`.
 
     `point` gives the place and its first two derivatives by t; ψ stays 0.
     """
-    dt = (end - start) / count
+    dt = end / count
     s, previous_speed = 0.0, 0.0
     for k in range(count + 1):
-        p, p_t, p_tt = point(start + k * dt)
+        p, p_t, p_tt = point(k * dt)
         speed = math.hypot(*p_t)
         if k:
-            _, middle, _ = point(start + (k - 0.5) * dt)
-            s += (previous_speed + 4.0 * math.hypot(*middle) + speed) * abs(dt) / 6.0
+            _, middle, _ = point((k - 0.5) * dt)
+            s += (previous_speed + 4.0 * math.hypot(*middle) + speed) * dt / 6.0
         previous_speed = speed
-        x, y, z = (v / math.copysign(speed, dt) for v in p_t)
+        x, y, z = (v / speed for v in p_t)
         along = sum(a * v for a, v in zip(p_tt, p_t, strict=True)) / (speed * speed)
         kx, ky, kz = ((a - along * v) / (speed * speed) for a, v in zip(p_tt, p_t, strict=True))
         yield Node(s, (*p, 0.0), (x, y, z, 0.0), (kx, ky, kz, 0.0))

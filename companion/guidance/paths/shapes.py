@@ -140,9 +140,9 @@ def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list
         lines = yield from _lines(shape)
         return (yield from _polyline(plan, lines, closed=False))
     if isinstance(shape, Circle):
-        nodes = sampled(_round(shape, z), 0.0, math.tau, TURN_NODES)
+        nodes = sampled(_round(shape, z), math.tau, TURN_NODES)
     else:
-        nodes = sampled(_eight(shape, z), 0.0, math.tau, LEMNISCATE_NODES)
+        nodes = sampled(_eight(shape, z), math.tau, LEMNISCATE_NODES)
     curve = Curve()
     yield from curve.join(nodes)
     yield from _turn(plan, curve, loops=True)
@@ -214,6 +214,8 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     curve, stations = Curve(), [(0.0, headings[0])]
     here = _towards(*edges[0], reach[0] or 0.0)
     for k, (previous, at) in enumerate(edges, start=1):
+        if math.dist(previous, at) < SHORTEST_M:
+            raise ValueError(f"waypoint[{k - 1}] and the next are the same place: {at[0]:g}, {at[1]:g}")
         k %= count
         d = reach[k] or 0.0
         turns_at = _towards(at, previous, d)
@@ -235,7 +237,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
 
 
 def _edges(waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[tuple[Point, Point]]]:
-    """Return the lines between waypoints; raise ValueError for too few, and for one without a length."""
+    """Return the lines between waypoints; raise ValueError for too few."""
     points: list[Point] = []
     for k in range(len(waypoints)):
         points.append(_place(waypoints, k))
@@ -243,10 +245,6 @@ def _edges(waypoints: Sequence[Waypoint], *, closed: bool) -> Steps[list[tuple[P
     edges = [*pairwise(points), *([(points[-1], points[0])] if closed else [])]
     if not edges or (closed and len(points) < 3):
         raise ValueError(f"{len(points)} waypoints: want at least {3 if closed else 2}")
-    for k, (p, q) in enumerate(edges):
-        if math.dist(p, q) < SHORTEST_M:
-            raise ValueError(f"waypoint[{k}] and the next are the same place: {p[0]:g}, {p[1]:g}")
-        yield 1
     return edges
 
 
@@ -280,7 +278,7 @@ def _corner(previous: Point, at: Point, following: Point, d: float) -> Iterator[
             acc.append(2.0 * d * rate * (b_i - a_i))
         return (p[0], p[1], p[2]), (v[0], v[1], v[2]), (acc[0], acc[1], acc[2])
 
-    return sampled(point, 0.0, 1.0, CORNER_NODES)
+    return sampled(point, 1.0, CORNER_NODES)
 
 
 def _line(begin: Point, end: Point, along: Point) -> list[Node]:
