@@ -10,7 +10,7 @@ from virtual import Dive, Somebody, active, hold, shared
 from companion.core.bounds import wrap
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
-from companion.records import Condition, Request, State, X
+from companion.records import Condition, State, X
 from companion.telemetry.commands import Goto, SetPath, SetVelocity
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan, Waypoint
 
@@ -197,19 +197,6 @@ def test_a_path_waits_for_its_position_and_for_the_vehicle():
     dive.run(6.0)
     assert dive.step.sample.guided.kind == "path"
     assert errors_mm([dive.step])[0] < 150.0
-
-
-def test_released_a_path_is_paused_and_engaging_again_holds():
-    dive = held(*CALM)
-    dive.engine.guide(path(dive, circle=Circle(radius_m=1.0), heading="keep", relative=True))
-    dive.run(6.0)
-    dive.ask(Request.STOP)
-    dive.run(3.0)
-    dive.ask(Request.ENGAGE)
-    dive.until(State.ACTIVE)
-    dive.run(3.0)
-    assert dive.step.sample.guided.kind == "paused"
-    assert np.abs(dive.step.sample.dofs.x_d_dot).max() < 0.01
 
 
 @pytest.mark.parametrize(

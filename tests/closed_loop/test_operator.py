@@ -61,16 +61,6 @@ def test_after_a_release_it_says_until_when_somebody_has_to_steer(steered):
     assert left_s[-1] == (0.0, steered)
 
 
-def test_an_engage_that_is_not_permitted_says_why_and_leaves_no_request_behind():
-    dive, console = at_console(arm=False)
-    dive.run(2.0)
-    reply = console.tell("engage")
-    assert not reply.done
-    assert "the vehicle is disarmed" in reply.said
-    dive.run(0.1)
-    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions, "armed later, it would take off"
-
-
 def test_a_release_withdraws_an_engage_that_waits():
     dive, console = at_console()
     dive.run(2.0)
@@ -125,21 +115,6 @@ def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what,
     assert dive.state is State.ACTIVE
 
 
-def test_a_latched_fault_is_cleared_only_when_there_is_one():
-    dive, console = at_console()
-    dive.run(2.0)
-    assert "no fault" in console.tell("clear_fault").said
-    console.tell("engage")
-    dive.fault("link_cut", 2.0)
-    dive.until(State.FAULT)
-    refused = console.tell("engage").said
-    assert "a fault is latched: " in refused
-    assert "clear the fault" in refused
-    dive.run(3.0)
-    assert console.tell("clear_fault").done
-    assert dive.state is not State.FAULT
-
-
 @pytest.mark.parametrize(
     ("allow", "local", "says"),
     [("local", False, "--allow-control"), ("never", True, "read-only"), ("never", False, "read-only")],
@@ -161,7 +136,6 @@ def test_without_permission_nothing_happens(allow, local, says):
     [
         ("fly", {}, "there is no command 'fly'"),
         ("setpoint", {}, "at least one"),
-        ("setpoint", {"depth_m": 101.0}, "max_depth_m"),
         ("setpoint", {"x_m": 10**400}, "must be -10000 to 10000"),
         ("setpoint", {"depth_m": -1}, "depth_m = -1: must be 0 to 100 (supervisor.max_depth_m)"),
         ("setpoint", {"depth_m": 101}, "supervisor.max_depth_m is 100"),

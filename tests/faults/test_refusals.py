@@ -92,19 +92,6 @@ def test_the_engine_too_drops_what_is_refused(state):
     assert course(dive, console) == undisturbed(state, True)
 
 
-def test_an_engage_while_handing_over_leaves_it_handing_over():
-    """Refused after 5 s, it released the vehicle, and the autopilot disarmed it under water."""
-    dive = active()
-    dive.fault("leak", 8.0)
-    dive.until(State.HAND_OVER)
-    reply = Console(dive).tell("engage")
-    assert not reply.done
-    assert "the autopilot reports a leak; to do: bring the vehicle up" in reply.said
-    dive.run(15.0)
-    assert dive.state is State.HAND_OVER
-    assert dive.step.truth.armed
-
-
 def test_an_engage_that_comes_to_nothing_is_withdrawn_and_releases_nothing():
     """The autopilot takes no mode: the request ends after 5 s, and no release is asked for."""
     dive: Any = Dive(engage=False)
