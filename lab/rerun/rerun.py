@@ -15,7 +15,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
@@ -23,7 +22,7 @@ from companion.engine import Engine
 from companion.guidance.orders import ordering
 from companion.identify.samples import NoDiveError
 from companion.mavlink.signing import Signing
-from companion.records import LoopHealth, Request, Setpoint, vector
+from companion.records import Array, LoopHealth, Request, Setpoint, vector
 from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
@@ -54,9 +53,9 @@ class Tape:
 class Outcome:
     """What came of it. Commands (n, 4): surge, sway, heave, yaw, -1..1, NaN where none was sent."""
 
-    t_s: NDArray[np.float64]
-    was: NDArray[np.float64]
-    now: NDArray[np.float64]
+    t_s: Array
+    was: Array
+    now: Array
     different: list[int]
     """Numbers of the ticks whose bytes are not the same."""
     wall_s: float
