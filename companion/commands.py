@@ -359,15 +359,5 @@ def config(argv: list[str]) -> int:
     if arguments.action == "show":
         sys.stdout.writelines(f"{line}\n" for line in listing(found, origins))
         return 0
-    vehicle = found.vehicle
-    sys.stdout.write(
-        f"{file}: {'a vehicle' if alone else 'a configuration'} that `holdfast run` takes\n"
-        f"  frame {vehicle.frame}, mass {found.heave.mass:g} kg in heave, "
-        f"{found.heave.max_force:g} N up and down\n"
-    )
-    if not alone:
-        sys.stdout.write(
-            f"  '{vehicle.name}' at {found.link.endpoint}, steered in {vehicle.steering_mode.upper()}\n"
-            f"  telemetry at {found.telemetry.endpoint}, commands: {found.telemetry.allow_control}\n"
-        )
+    sys.stdout.write(f"{file}: {'a vehicle' if alone else 'a configuration'} that `holdfast run` takes\n")
     return 0
