@@ -250,28 +250,19 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
 
     log_to(sys.stderr)
     logging.getLogger("holdfast").setLevel(logging.WARNING)
-    doing = ""
-
-    def show(manoeuvre: Manoeuvre) -> None:
-        nonlocal doing
-        if manoeuvre.doing != doing:
-            doing = manoeuvre.doing
-            sys.stdout.write(f"{manoeuvre.share_done:4.0%} {doing}\n")
-            sys.stdout.flush()
-
     with _refusing():
         config = _configuration(arguments)
         files.refuse_existing(arguments.out)
         if not arguments.yes and not _agreed(IDENTIFY_MOVES):
             return 130
-        manoeuvre = Manoeuvre(show)
+        manoeuvre = Manoeuvre(lambda doing: sys.stderr.write(f"{doing}\n"))
         here = Setpoint((math.nan,) * 4)
         status = app.run(config, here, arm=arguments.arm, requests=[Request.ENGAGE], manoeuvre=manoeuvre)
         if manoeuvre.failure or not (manoeuvre.done and manoeuvre.moved):
             why = manoeuvre.failure or "stopped"
             sys.stderr.write(f"holdfast identify: broken off: {why}; nothing was written\n")
             return status or 1
-        table = manoeuvre.samples.table("the manoeuvre", config.vehicle.frame)
+        table = manoeuvre.streams.table("the manoeuvre", config.vehicle.frame)
         return conclude(table, vehicle_of(config), arguments.out, manoeuvre.moved)
 
 

@@ -56,9 +56,9 @@ def decoded(data: bytes) -> str:
 
 
 def refuse_endless(path: Path) -> None:
-    """Raise ValueError for a pipe or a device: it may never begin, or never end."""
+    """Raise RefusedError for a pipe or a device: it may never begin, or never end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ValueError(f"{path}: is a pipe or a device: save what it gives as a file")
+        raise RefusedError(f"{path}: is a pipe or a device: save what it gives as a file")
 
 
 def refuse_existing(*paths: Path) -> None:

@@ -20,16 +20,12 @@ START_S, BYTES_PER_S = 20, 100_000
 T = TypeVar("T")
 
 
-class UnreadableError(ValueError):
-    """A file made its reader stumble; the message does not name it."""
-
-
 def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T:
     """Return `read(*arguments)`, done within bounds of time and memory.
 
     `files` are those that it reads. `read` is a function of a module, and what it takes and returns can be
-    pickled. Raises what it raises where that is a ValueError, OSError or RefusedError, and ValueError, in
-    words, for everything else that a file makes it do.
+    pickled. Raises OSError as it does, and RefusedError, which names the file, for all else that a file makes
+    it do.
     """
     for file in files:
         refuse_endless(file)
@@ -44,15 +40,18 @@ def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T
     theirs.close()
     try:
         kind, value = ours.recv()
+        if isinstance(value, ValueError) and kind == "error":
+            text = " ".join(str(value).split())
+            raise RefusedError(text if any(str(file) in text for file in files) else f"{name}: {text}")
         if kind == "error":
-            raise ValueError(f"{name}: {value}") if isinstance(value, UnreadableError) else value
+            raise value
         return value  # type: ignore[no-any-return]  # what `read` returned, through a pipe
     except EOFError as error:
         child.join()
         if child.exitcode == -signal.SIGXCPU:
             why = f"was not read in {seconds} s: it is damaged, or cut it into parts"
-            raise ValueError(f"{name}: {why}") from error
-        raise ValueError(f"{name}: cannot be read: it ended its reader") from error
+            raise RefusedError(f"{name}: {why}") from error
+        raise RefusedError(f"{name}: cannot be read: it ended its reader") from error
     finally:
         child.kill()
         child.join()
@@ -77,6 +76,6 @@ def answer(read: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
         return "error", error
     except MemoryError:
         most = MEMORY_BYTES >> 20
-        return "error", UnreadableError(f"needs more than {most} MiB to be read: cut it into parts")
+        return "error", ValueError(f"needs more than {most} MiB to be read: cut it into parts")
     except Exception as error:  # a reader of others raises whatever a damaged file makes it stumble over
-        return "error", UnreadableError(f"cannot be read: {type(error).__name__}: {error}")
+        return "error", ValueError(f"cannot be read: {type(error).__name__}: {error}")

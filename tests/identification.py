@@ -14,7 +14,7 @@ from companion.identify.fit import Fit
 from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre
 from companion.identify.manoeuvre import SETTLE_S as REST_S
 from companion.identify.model import LAG, LINEAR, MASS, QUADRATIC, WEIGHT
-from companion.identify.samples import Sample
+from companion.identify.samples import in_order
 from companion.records import AXES, PSI, Array, Request, Setpoint, Y, Z
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
@@ -114,8 +114,7 @@ def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit) -> Iterator[Comp
         begin_s = _begin_s(manoeuvre, dof)
         inertia = (hull.mass_kg if i < 3 else hull.inertia_kg_m2[2]) + hull.added_mass[i]
         yield Compared(name, "mass", inertia / strength, *found.sum_of(MASS + dof))
-        rates = _rates(manoeuvre, dof, begin_s)
-        speed = float(np.quantile(np.abs([one.values[-1] for one in rates]), 0.95))
+        speed = float(np.quantile(np.abs(_rates(manoeuvre, dof, begin_s)), 0.95))
         drag = (hull.linear_damping[i] + hull.quadratic_damping[i] * speed) * speed
         yield Compared(name, f"damping at {speed:.2f}", drag / strength, *found.damping_at(dof, speed))
         for number, values in ((LINEAR, hull.linear_damping), (QUADRATIC, hull.quadratic_damping)):
@@ -126,17 +125,16 @@ def compare(plant: SimConfig, manoeuvre: Manoeuvre, found: Fit) -> Iterator[Comp
             yield Compared(name, "buoyancy_n", hull.net_buoyancy_n / strength, -weight, sigma)
 
 
-def _rates(manoeuvre: Manoeuvre, dof: int, begin_s: float) -> list[Sample]:
+def _rates(manoeuvre: Manoeuvre, dof: int, begin_s: float) -> Array:
     """Return the rate of an axis while it moved; surge and sway along and across the heading of then."""
-    samples = manoeuvre.samples
-    if dof in (PSI, Z):
-        rates = samples.rates if dof == PSI else samples.down
-    else:
-        heading = next(one.values[-1] for one in samples.attitude if one.t_s >= begin_s)
+    streams = manoeuvre.streams
+    t_s, *values = in_order((streams.level, streams.level, streams.down, streams.rates)[dof]).T
+    rate = values[-1]
+    if dof not in (PSI, Z):
+        heading = next(row[-1] for row in streams.attitude if row[0] >= begin_s)
         course = heading + (0.5 * math.pi if dof == Y else 0.0)
-        along = np.array([one.values for one in samples.level]) @ (math.cos(course), math.sin(course))
-        rates = [Sample(one.t_s, (rate,)) for one, rate in zip(samples.level, along.tolist(), strict=True)]
-    return [one for one in rates if 0.0 <= one.t_s - begin_s < EXCITATIONS[dof].lasts_s]
+        rate = values[0] * math.cos(course) + values[1] * math.sin(course)
+    return np.asarray(rate[(t_s >= begin_s) & (t_s - begin_s < EXCITATIONS[dof].lasts_s)])
 
 
 def _begin_s(manoeuvre: Manoeuvre, dof: int) -> float:
@@ -144,7 +142,7 @@ def _begin_s(manoeuvre: Manoeuvre, dof: int) -> float:
     before = [one for one in ORDER if one in manoeuvre.moved]
     before = before[: before.index(dof)]
     lasts_s = sum(REST_S + LEAD_S + EXCITATIONS[one].lasts_s for one in before)
-    return manoeuvre.samples.sticks[0].t_s + lasts_s + REST_S + LEAD_S
+    return float(manoeuvre.streams.sticks[0][0]) + lasts_s + REST_S + LEAD_S
 
 
 def _strength(plant: SimConfig, dof: int) -> float:

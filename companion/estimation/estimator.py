@@ -130,7 +130,6 @@ class Estimator:
         self._came_s |= dict.fromkeys(("yaw_reset_s", "position_reset_s", "depth_reset_s"), -math.inf)
 
     def _begin(self) -> None:
-        """Begin a tick: nothing was measured in it, and nothing reset."""
         self._positions, self._rates = [NOTHING] * len(DOFS), [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
         self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)

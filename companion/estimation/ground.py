@@ -210,7 +210,6 @@ class Grounds:
 
 
 def _followed(track: Track, sample_m: float, gap_s: float, omega_radps: float) -> Track:
-    """Return a filter after a sample, `gap_s` after the one before."""
     error_m = sample_m - (track.depth_m + track.rate_mps * gap_s)
     theta = math.exp(-omega_radps * gap_s)
     rate_mps = track.rate_mps + (1.0 - theta) ** 2 * error_m / gap_s

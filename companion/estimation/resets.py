@@ -38,7 +38,8 @@ BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
 """What an interruption that is ridden out may bring beside the fastest rate before and after it."""
 
 NOISE_LASTS_S = 5.0
-"""What the climb rate did not explain within this time counts as the noise of depth."""
+"""What the climb rate did not explain within this time counts as the noise of depth; so slowly the usual
+difference of depth and pressure follows the present one."""
 
 WANDER_LASTS_S = 60.0
 """The same for what comes and goes, such as the lag of an EKF with GPS in waves."""
@@ -51,9 +52,6 @@ JUDGED_AFTER_S = 0.15
 
 MOST_IN_A_ROW = 8
 """Without a pressure more jumps than that, with less than MEMORY_S between them, are a wrong climb rate."""
-
-DRIFT_S = 5.0
-"""So slowly the usual difference of depth and pressure follows the present one."""
 
 
 class ResetDetector:
@@ -188,7 +186,7 @@ class DepthResets:
             self._detector.unexplained, self._noise_m = 0.0, self._usual_noise_m
             self.late = True
             return self._took(surprise_m)
-        self._usual_m += (1.0 - math.exp(-gap_s / DRIFT_S)) * surprise_m
+        self._usual_m += (1.0 - math.exp(-gap_s / NOISE_LASTS_S)) * surprise_m
         return 0.0
 
     def accept(self) -> None:

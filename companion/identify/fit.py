@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.identify import model, tilt
-from companion.identify.least_squares import Bounds, Found, jackknife, least_squares
+from companion.identify.least_squares import Found, jackknife
 from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES, PSI, Array, X, Y
@@ -130,8 +130,9 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     least, most = model.LEAST.copy(), model.MOST.copy()
     for number, bounds in EXACT.items() if excited is not None else ():
         least[number], most[number] = bounds
-    thinned = [Track(track.table, track.frame, model.EVERY) for track in tracks]
-    found = _searched(thinned, moving, base, (shared, own), (least, most))
+    thinned = [track.thinned() for track in tracks]
+    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
+    found = model.searched(thinned, moving, starts, (shared, own), (least, most))
     theta, numbers = found.theta, [*shared, *own]
     covariance, sigma = np.zeros((model.LEAST.size, model.LEAST.size)), np.full(model.LEAST.size, np.nan)
     covariance[np.ix_(numbers, numbers)] = _covariance(found, thinned, len(numbers))
@@ -153,28 +154,6 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
         tilt=tilt.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
-
-
-def _searched(
-    tracks: Sequence[Track],
-    moving: NDArray[np.bool_],
-    base: VehicleFile,
-    free: tuple[list[int], list[int]],
-    bounds: Bounds,
-) -> Found:
-    """Search from the best of some starts on; no inertia changes much in a round."""
-    least, most = bounds
-
-    def bounds_at(theta: Array) -> Bounds:
-        low, high = least.copy(), most.copy()
-        low[:4] = np.maximum(least[:4], 0.4 * theta[0, :4])
-        high[:4] = np.minimum(most[:4], 2.5 * theta[0, :4])
-        return low, high
-
-    parts = model.residuals(tracks, moving)
-    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
-    theta = min(starts, key=lambda start: sum(float(np.sum(part(start) ** 2)) for part in parts))
-    return least_squares(parts, theta, free, model.STEPS, bounds_at, model.PULL)
 
 
 def _covariance(found: Found, tracks: Sequence[Track], count: int) -> Array:

@@ -121,6 +121,5 @@ def jackknife(found: Found, blocks: Sequence[Array]) -> Array:
 
 
 def _sums(J: Sequence[Array], r: Sequence[Array]) -> tuple[Array, Array]:
-    """Return JᵀJ and Jᵀr of parts."""
     pairs = [*zip(J, r, strict=True)]
     return np.sum([A.T @ A for A, _ in pairs], axis=0), np.sum([A.T @ b for A, b in pairs], axis=0)

@@ -6,22 +6,22 @@ to the law's force on the same axis, which show mass, lag and delay. It keeps wh
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
-from typing import Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 from companion.core.bounds import wrap
-from companion.identify.samples import Sample, Streams
+from companion.engine import Engine
+from companion.identify.samples import Streams
 from companion.records import (
     AXES,
     DOFS,
     PSI,
     ZERO,
     Attitude,
-    AxisCommand,
     ControlSample,
     Depth,
     DepthRate,
-    Event,
     Position,
     Request,
     Setpoint,
@@ -78,63 +78,53 @@ EXCITATIONS: Final = (
 """Surge, sway, heave, yaw."""
 
 
-class Held(Protocol):
-    """What the manoeuvre needs of the engine."""
-
-    excitation: Vector
-    events: list[Event]
-    applied: AxisCommand
-
-    def aim(self, setpoint: Setpoint) -> None:
-        """Take a setpoint."""
-
-
 class Manoeuvre:
     """Call `step` after each of the engine's; ask the engine for what it returns; until `done`."""
 
-    def __init__(self, report: Callable[["Manoeuvre"], None] = lambda _: None) -> None:
-        """`report` is called after each step, to show how it goes."""
+    def __init__(self, report: Callable[[str], object] = lambda _: None) -> None:
+        """`report` is told what it does whenever that changes."""
         self._report = report
-        self.samples = Streams()
-        """What was sent and measured since it began."""
+        self._rows = defaultdict[str, Any](list)
         self.moved: list[int] = []
         """The axes that have been moved to the end."""
         self.done = False
         self.failure = ""
         """Why it was broken off; empty where it was not."""
-        self.doing = "waiting for the permission to engage"
-        self.share_done = 0.0
-        self._noting = False
+        self.doing = ""
         self._script = self._manoeuvre()
 
-    def step(self, engine: Held, sample: ControlSample) -> list[Request]:
+    def step(self, engine: Engine, sample: ControlSample) -> list[Request]:
         """Take the engine's last tick; move its setpoint and push for the next one."""
         self._engine, self._sample = engine, sample
         engine.excitation = ZERO
-        if self._noting:
-            self._note()
-        requests = [] if self.done else next(self._script, [])
-        self._report(self)
-        return requests
+        return [] if self.done else next(self._script, [])
+
+    @property
+    def streams(self) -> Streams:
+        """What was sent and measured since it began."""
+        return Streams(**self._rows)
 
     def _manoeuvre(self) -> Iterator[list[Request]]:
         """Give the requests of each tick; in the end ask the engine to let go, and wait until it has."""
         self.failure = yield from self._engaged()
         if not self.failure:
-            self._noting = True
             self.failure = yield from self._excited(self._sample.state.eta)
-        self._noting = False
-        self.doing = "releasing"
+        self._do("releasing")
         began_s = self._now_s
         yield [Request.STOP]
         while self._sample.verdict.authority > 0.0 and self._now_s - began_s < ENDING_S:
             yield []
         self.done = True
 
+    def _do(self, what: str) -> None:
+        if what != self.doing:
+            self.doing = what
+            self._report(what)
+
     def _engaged(self) -> Steps:
         began_s = self._now_s
         while (verdict := self._sample.verdict).state is not State.ACTIVE or verdict.authority != 1.0:
-            self.doing = advised(f"waiting: {verdict.reason}", verdict.remedy)
+            self._do(advised(f"waiting: {verdict.reason}", verdict.remedy))
             if self._now_s - began_s > WAIT_S:
                 return f"not permitted to engage: {verdict.reason}"
             yield []
@@ -144,28 +134,25 @@ class Manoeuvre:
     def _excited(self, home: Vector) -> Steps:
         """Move one axis after the other; return why it has to end before."""
         dofs = [dof for dof in ORDER if self._sample.dofs.engaged[dof]]
-        length_s = sum(SETTLE_S + LEAD_S + EXCITATIONS[dof].lasts_s for dof in dofs)
-        start_s = self._now_s
         for dof in dofs:
             began_s, kind = self._now_s + SETTLE_S + LEAD_S, EXCITATIONS[dof]
             while (t_s := self._now_s - began_s) < kind.lasts_s:
                 if stop := self._out_of_bounds(home, dofs):
                     return stop
-                self.doing = f"settling before {AXES[dof]}" if t_s < -LEAD_S else AXES[dof]
+                self._do(f"settling before {AXES[dof]}" if t_s < -LEAD_S else AXES[dof])
                 if t_s >= -LEAD_S:
-                    self.share_done = (self._now_s - start_s) / length_s
                     self._engine.aim(_swept(home, dof, kind, t_s))
                     push = kind.push * pushing(t_s, kind)
                     self._engine.excitation = vector(
                         push if axis == dof else 0.0 for axis in range(len(DOFS))
                     )
                 yield []
+                self._note()
             self.moved.append(dof)
             self._engine.aim(Setpoint(home))
         return ""
 
     def _out_of_bounds(self, home: Vector, dofs: list[int]) -> str:
-        """Return why the manoeuvre has to end now; empty where it may go on."""
         sample = self._sample
         state = sample.state
         if sample.verdict.state is not State.ACTIVE:
@@ -183,9 +170,9 @@ class Manoeuvre:
 
     def _note(self) -> None:
         """Keep what was sent and measured, by its stamp on our clock."""
-        samples, state = self.samples, self._sample.state
-        samples.sticks.append(Sample(state.t_s, self._engine.applied))
-        samples.voltage.append(Sample(state.t_s, (state.voltage_v,)))
+        rows, state = self._rows, self._sample.state
+        rows["sticks"].append((state.t_s, *self._engine.applied))
+        rows["voltage"].append((state.t_s, state.voltage_v))
         ahead_s = state.boot_s - state.t_s
         for event in self._engine.events:
             if not isinstance(event, Depth | DepthRate | Attitude | Position):
@@ -193,15 +180,15 @@ class Manoeuvre:
             stamp_s = event.boot_s
             t_s = event.t_s - state.delays.telemetry_s if stamp_s is None else stamp_s - ahead_s
             if isinstance(event, Attitude):
-                samples.attitude.append(Sample(t_s, (event.roll, event.pitch, event.yaw)))
-                samples.rates.append(Sample(t_s, (event.p, event.q, event.r)))
+                rows["attitude"].append((t_s, event.roll, event.pitch, event.yaw))
+                rows["rates"].append((t_s, event.p, event.q, event.r))
             elif isinstance(event, Depth):
-                samples.depth.append(Sample(t_s, (event.z_m,)))
+                rows["depth"].append((t_s, event.z_m))
             elif isinstance(event, DepthRate):
-                samples.down.append(Sample(t_s, (event.w_mps,)))
+                rows["down"].append((t_s, event.w_mps))
             else:
-                samples.level.append(Sample(t_s, (event.vx_mps, event.vy_mps)))
-                samples.aided.append(Sample(t_s, (1.0,)))
+                rows["level"].append((t_s, event.vx_mps, event.vy_mps))
+                rows["aided"].append((t_s, 1.0))
 
     @property
     def _now_s(self) -> float:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.core.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
-from companion.identify.least_squares import Residuals, least_squares
+from companion.identify.least_squares import Bounds, Found, Residuals, least_squares
 from companion.identify.samples import STEP_S, Table
 from companion.records import AXES, Array
 
@@ -186,18 +186,41 @@ class Track:
                 changes.append((velocity - start).T)
         return np.stack(changes, axis=1)
 
+    def thinned(self) -> "Track":
+        """Return it with the windows that a fit takes."""
+        return Track(self.table, self.frame, EVERY)
+
     def settled(self, theta: Array) -> Array:
         """Return parameters of which this table's own, constant force and timing, predict it best."""
-        thinned = [Track(self.table, self.frame, EVERY)]
+        thinned = [self.thinned()]
         moving = moved(thinned)
-        (part,) = residuals(thinned, moving)
         starts = [np.array(theta) for _ in START_DELAYS_S]
         for start, delay_s in zip(starts, START_DELAYS_S, strict=True):
             start[DELAY] = delay_s
-        start = min(starts, key=lambda one: float(np.sum(part(one) ** 2)))
         own = [*forces(moving[-1]), *times(moving[-1])]
-        found = least_squares([part], start, ((), own), STEPS, lambda _: (LEAST, MOST), PULL)
+        found = searched(thinned, moving, starts, ((), own), (LEAST, MOST))
         return np.asarray(found.theta[0])
+
+
+def searched(
+    tracks: Sequence[Track],
+    moving: NDArray[np.bool_],
+    starts: Iterable[Array],
+    free: tuple[Sequence[int], Sequence[int]],
+    bounds: Bounds,
+) -> Found:
+    """Search from the best of `starts` on; no inertia changes much in a round."""
+    least, most = bounds
+
+    def bounds_at(theta: Array) -> Bounds:
+        low, high = least.copy(), most.copy()
+        low[:4] = np.maximum(least[:4], 0.4 * theta[0, :4])
+        high[:4] = np.minimum(most[:4], 2.5 * theta[0, :4])
+        return low, high
+
+    parts = residuals(tracks, moving)
+    best = min(starts, key=lambda start: sum(float(np.sum(part(start) ** 2)) for part in parts))
+    return least_squares(parts, best, free, STEPS, bounds_at, PULL)
 
 
 def _means(t_s: Array, pushes: Array, start_s: float, ends_s: Array) -> Array:

@@ -4,7 +4,7 @@ Body axes are forward, right, down (FRD), the pose is north, east, down (NED).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -26,15 +26,12 @@ BATTERY_V: Final = (6.0, 30.0)
 """A voltage beyond these was not measured."""
 
 
+Rows = Sequence[tuple[float, ...]] | Array
+"""Each a time (s) and the numbers that were true then."""
+
+
 class NoDiveError(ValueError):
     """There is too little to tell anything of a vehicle; says why in one line."""
-
-
-class Sample(NamedTuple):
-    """A time (s) and the numbers that were true then."""
-
-    t_s: float
-    values: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -60,27 +57,26 @@ class Table:
     """What is peculiar about it."""
 
 
-@dataclass
-class Streams:
-    """What a reader or a manoeuvre collects: samples of each kind, in any order and at any rate."""
+class Streams(NamedTuple):
+    """What a reader or a manoeuvre collected, rows in any order and at any rate."""
 
-    sticks: list[Sample] = field(default_factory=list)
+    sticks: Rows = ()
     """Surge, sway, heave (down), yaw, roll, pitch, -1..1."""
-    motors: list[Sample] = field(default_factory=list)
+    motors: Rows = ()
     """Demand on each motor, -1..1; instead of sticks."""
-    voltage: list[Sample] = field(default_factory=list)
-    attitude: list[Sample] = field(default_factory=list)
-    rates: list[Sample] = field(default_factory=list)
-    level: list[Sample] = field(default_factory=list)
+    voltage: Rows = ()
+    attitude: Rows = ()
+    rates: Rows = ()
+    level: Rows = ()
     """Velocity north and east."""
-    down: list[Sample] = field(default_factory=list)
+    down: Rows = ()
     """Velocity down."""
-    body: list[Sample] = field(default_factory=list)
+    body: Rows = ()
     """Velocity forward, right, down."""
-    depth: list[Sample] = field(default_factory=list)
-    aided: list[Sample] = field(default_factory=list)
-    """Whether the EKF's horizontal velocity is measured, 1 or 0; without a sample it is not."""
-    notes: list[str] = field(default_factory=list)
+    depth: Rows = ()
+    aided: Rows = ()
+    """Whether the EKF's horizontal velocity is measured, 1 or 0; without a row it is not."""
+    notes: tuple[str, ...] = ()
 
     def table(self, name: str, frame: str) -> Table:
         """Return the table; `frame` says which motors serve which axis.
@@ -88,10 +84,10 @@ class Streams:
         Raises NoDiveError where commands or motion are missing, or together for too short a time.
         """
         command_s, commands = self._commands(frame)
-        motion = [*self.body, *self.down, *self.rates, *self.attitude, *self.depth]
-        if not motion:
+        motion = (self.body, self.down, self.rates, self.attitude, self.depth)
+        times = [row[0] for rows in motion for row in rows]
+        if not times:
             raise NoDiveError("holds no motion: neither attitude nor depth nor speed")
-        times = [sample.t_s for sample in motion]
         begin_s, end_s = max(command_s[0], min(times)), min(command_s[-1], max(times))
         if not MIN_LENGTH_S <= end_s - begin_s <= MAX_LENGTH_S:
             raise NoDiveError(
@@ -100,7 +96,7 @@ class Streams:
             )
         t_s = np.arange(begin_s, end_s, STEP_S)
         attitude = _on(t_s, self.attitude, 3, angles=True)
-        rates = _on(t_s, self.rates, 3) if self.rates else _slope(attitude)
+        rates = _on(t_s, self.rates, 3) if len(self.rates) else _slope(attitude)
         voltage = _latest(command_s, self.voltage)
         sound = (voltage > BATTERY_V[0]) & (voltage < BATTERY_V[1])
         return Table(
@@ -112,27 +108,25 @@ class Streams:
             np.column_stack((self._speeds(t_s, attitude), rates)),
             attitude,
             _on(t_s, self.depth, 1)[:, 0],
-            tuple(self.notes),
+            self.notes,
         )
 
     def _commands(self, frame: str) -> tuple[Array, Array]:
-        """Return when there were commands, and which."""
-        given = self.motors or self.sticks
+        factors = np.array(FACTORS[frame])
+        given = in_order(self.motors if len(self.motors) else self.sticks)
         if len(given) < 2:
             raise NoDiveError("holds no commands: neither outputs of the motors nor sticks")
-        table = np.array(sorted((sample.t_s, *sample.values) for sample in given))
-        if self.motors:
-            factors = np.array(FACTORS[frame])
-            count = min(len(factors), table.shape[1] - 1)
-            return table[:, 0], table[:, 1 : 1 + count] @ np.linalg.pinv(factors[:count]).T
-        return table[:, 0], table[:, 1:]
+        if not len(self.motors):
+            return given[:, 0], given[:, 1:]
+        count = min(len(factors), given.shape[1] - 1)
+        return given[:, 0], given[:, 1 : 1 + count] @ np.linalg.pinv(factors[:count]).T
 
     def _speeds(self, t_s: Array, attitude: Array) -> Array:
         """Return u, v, w (n, 3): as measured, or turned into the body's axes, or from the depth alone."""
-        if self.body:
+        if len(self.body):
             return _on(t_s, self.body, 3)
         roll, pitch, heading = attitude.T
-        down = _on(t_s, self.down, 1)[:, 0] if self.down else _slope(_on(t_s, self.depth, 1))[:, 0]
+        down = (_on(t_s, self.down, 1) if len(self.down) else _slope(_on(t_s, self.depth, 1)))[:, 0]
         north, east = _on(t_s, self.level, 2).T
         forward = np.cos(heading) * north + np.sin(heading) * east
         right = np.cos(heading) * east - np.sin(heading) * north
@@ -142,19 +136,23 @@ class Streams:
         w = np.cos(roll) * lifted - np.sin(roll) * right
         aided = (_latest(t_s, self.aided) > 0.5) & np.isfinite(w)
         alone = down / (np.cos(roll) * np.cos(pitch))
-        return np.column_stack(
-            (np.where(aided, u, np.nan), np.where(aided, v, np.nan), np.where(aided, w, alone))
-        )
+        unknown = np.full(t_s.size, np.nan)
+        return np.where(aided, (u, v, w), (unknown, unknown, alone)).T
 
 
-def _on(t_s: Array, samples: Sequence[Sample], count: int, *, angles: bool = False) -> Array:
-    """Return samples interpolated to times (n, count), NaN in gaps and where nothing came."""
+def in_order(rows: Rows) -> Array:
+    """Return rows as an array, in order of time."""
+    table = np.array(rows, float).reshape(len(rows), -1)
+    return table[np.argsort(table[:, 0], kind="stable")] if len(rows) else table
+
+
+def _on(t_s: Array, rows: Rows, count: int, *, angles: bool = False) -> Array:
+    """Return rows interpolated to times (n, count), NaN in gaps and where nothing came."""
     on_grid = np.full((t_s.size, count), np.nan)
-    table = np.array(sorted((sample.t_s, *sample.values) for sample in samples)).reshape(-1, 1 + count)
-    for column in range(count):
-        times, values = table[:, 0], table[:, 1 + column]
-        sound = np.isfinite(times) & (np.abs(values) < ABSURD)
-        times, values = times[sound], np.unwrap(values[sound]) if angles else values[sound]
+    times_s, *columns = in_order(rows).T if len(rows) else np.zeros((1 + count, 0))
+    for column, values in enumerate(columns):
+        sound = np.isfinite(times_s) & (np.abs(values) < ABSURD)
+        times, values = times_s[sound], np.unwrap(values[sound]) if angles else values[sound]
         if times.size > 1:
             i = np.clip(np.searchsorted(times, t_s), 1, times.size - 1)
             known = (times[0] <= t_s) & (t_s <= times[-1]) & (times[i] - times[i - 1] < MAX_GAP_S)
@@ -162,18 +160,17 @@ def _on(t_s: Array, samples: Sequence[Sample], count: int, *, angles: bool = Fal
     return on_grid
 
 
-def _latest(t_s: Array, samples: Sequence[Sample]) -> Array:
+def _latest(t_s: Array, rows: Rows) -> Array:
     """Return the last value (n,) of a number that came before each time, NaN where that is long ago."""
-    if not samples:
+    if not len(rows):
         return np.full(t_s.size, np.nan)
-    times, values = np.array(sorted((sample.t_s, sample.values[0]) for sample in samples)).T
+    times, values = in_order(rows).T
     i = np.clip(np.searchsorted(times, t_s, side="right") - 1, 0, None)
     age_s = t_s - times[i]
     return np.where((age_s >= 0.0) & (age_s <= HOLDS_S), values[i], np.nan)
 
 
 def _slope(values: Array) -> Array:
-    """Return the rates (n, k) of values on the grid."""
     rates = np.full_like(values, np.nan)
     span = 2 * SLOPE_STEPS
     if len(values) > span:

@@ -24,7 +24,7 @@ from companion.telemetry.session import SessionThread, client_configuration, tic
 from dashboard.arguments import MB, add_connect, until_ended
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.recording.repair import repair
-from holdfast import DONE, REFUSED, files, own_version
+from holdfast import DONE, REFUSED, RefusedError, files, own_version
 from holdfast.arguments import command_parser
 from holdfast.version import revision
 
@@ -288,7 +288,7 @@ def _repair(paths: Sequence[Path]) -> int:
     for file in paths:
         try:
             sys.stdout.write(f"{file}: {repair(file)}\n")
-        except ValueError as error:
+        except (ValueError, RefusedError) as error:
             sys.stderr.write(f"holdfast record: {error}\n")
             status = REFUSED
         except OSError as error:  # the other files may be there

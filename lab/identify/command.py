@@ -81,15 +81,8 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
 
 
 def tables_of(logs: list[str], vehicle: VehicleFile) -> list[Table]:
-    """Read logs; raise RefusedError for one that tells nothing, OSError."""
-    tables = []
-    for log in logs:
-        try:
-            tables.append(bounded(read, [Path(log)], Path(log), vehicle.vehicle.frame))
-        except ValueError as error:
-            text = " ".join(str(error).split())
-            raise RefusedError(text if text.startswith(log) else f"{log}: {text}") from error
-    return tables
+    """Read logs. Raises RefusedError for one that tells nothing, OSError."""
+    return [bounded(read, [Path(log)], Path(log), vehicle.vehicle.frame) for log in logs]
 
 
 def conclude(

@@ -17,14 +17,14 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from companion.identify.samples import NoDiveError, Sample, Streams, Table
+from companion.identify.samples import NoDiveError, Streams, Table
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name
 from companion.records import AXES, State
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
 from lab.identify import spreadsheet
-from lab.identify.steering import DIRECT, MANUAL, UNKNOWN, latest
+from lab.identify.steering import DIRECT, MANUAL, UNKNOWN
 from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
 
 DATAFLASH: Final = b"\xa3\x95"
@@ -42,6 +42,15 @@ DATAFLASH_USED: Final = [*DATAFLASH_STREAMS, "PARM", "ARM"]
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
 STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
 """States of the supervisor in which Holdfast's commands are sent."""
+PUBLISHED: Final = {
+    "attitude": ("roll_rad", "pitch_rad", "heading_rad"),
+    "rates": ("roll_rate_radps", "pitch_rate_radps", "heading_rate_radps"),
+    "level": ("x_rate_mps", "y_rate_mps"),
+    "down": ("depth_rate_mps",),
+    "depth": ("depth_m",),
+    "voltage": ("voltage_v",),
+}
+"""Fields of the published state by the stream that they fill."""
 HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
 ESTIMATES: Final = "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
 MAX_TOPIC = 60
@@ -56,7 +65,10 @@ ROS: Final = "ROS bags are not read: docs/identify.md has a script that makes a 
 
 def kind_of(path: Path) -> str:
     """Return "MCAP", "dataflash", "CSV" or "telemetry" by a file's content, else raise NoDiveError."""
-    head = b"" if path.is_dir() else _head(path)
+    head = b""
+    if not path.is_dir():
+        with path.open("rb") as file:
+            head = file.read(4096)
     if path.is_dir() or path.suffix.lower() in (".bag", ".db3") or head.startswith(ROS_MAGIC):
         raise NoDiveError(ROS)
     if not head:
@@ -70,11 +82,6 @@ def kind_of(path: Path) -> str:
     raise NoDiveError(f"is no log that is known: {KINDS}{spreadsheet.quoted(head)}")
 
 
-def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(4096)
-
-
 def read(path: Path, frame: str) -> Table:
     """Read a log of any kind; `frame` says which motors serve which axis."""
     readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": spreadsheet.read, "telemetry": _tlog}
@@ -82,7 +89,6 @@ def read(path: Path, frame: str) -> Table:
 
 
 def _dataflash(path: Path) -> Streams:
-    """Read a .BIN by pymavlink."""
     from pymavlink.DFReader import DFReader_binary
 
     reader = DFReader_binary(str(path), zero_time_base=True)
@@ -94,7 +100,7 @@ def _dataflash(path: Path) -> Streams:
 
 
 def _dataflash_streams(reader: Any) -> Streams:
-    found: defaultdict[str, list[Sample]] = defaultdict(list)
+    found = defaultdict[str, Any](list)
     armed: list[tuple[float, float]] = []
     parameters: dict[str, float] = {}
     while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
@@ -104,26 +110,26 @@ def _dataflash_streams(reader: Any) -> Streams:
         elif any(getattr(message, name, 0) for name in ("I", "C", "Inst", "Instance")):
             continue  # another sensor, core or battery than the first
         elif kind == "ARM":
-            armed.append((message.TimeUS / 1e6, float(message.ArmState)))
+            state = float(message.ArmState)
+            armed = armed or [(-math.inf, 1.0 - state)]
+            armed.append((message.TimeUS / 1e6, state))
         else:
             absent = (0,) if kind == "RCOU" else ()  # some log fewer outputs
             for stream, names, convert in DATAFLASH_STREAMS[kind]:
-                values = tuple(convert(getattr(message, name, *absent)) for name in names)
-                found[stream].append(Sample(message.TimeUS / 1e6, values))
+                values = (convert(getattr(message, name, *absent)) for name in names)
+                found[stream].append((message.TimeUS / 1e6, *values))
     whole = sum(count * reader.formats[kind].len for kind, count in enumerate(reader.counts) if count)
-    outputs, gyro = found.pop("outputs", []), found.pop("gyro", [])
-    before = [(-math.inf, 1.0 - state) for _, state in armed[:1]]
-    is_armed = latest(np.array([one.t_s for one in outputs]), np.array([*before, *armed]), math.nan)
-    notes = [
-        f"commands: RCOU; motion: ATT, XKF1, {'IMU' if gyro else 'RATE'}, each of the first instance",
-        *not_read({"bytes": max(reader.data_len - whole, 0)}),
-    ]
+    gyro = found.pop("gyro", [])
     found["rates"] = gyro or found["rates"]
-    return Streams(**found, motors=motors_of(outputs, parameters, is_armed), notes=notes)
+    if outputs := found.pop("outputs", None):
+        times_s, states = np.array(armed or [(-math.inf, math.nan)]).T
+        is_armed = states[np.searchsorted(times_s, [row[0] for row in outputs], side="right") - 1]
+        found["motors"] = motors_of(np.array(outputs), parameters, is_armed)
+    about = f"commands: RCOU; motion: ATT, XKF1, {'IMU' if gyro else 'RATE'}, each of the first instance"
+    return Streams(**found, notes=(about, *not_read({"bytes": max(reader.data_len - whole, 0)})))
 
 
 def _tlog(path: Path) -> Streams:
-    """Read a ground station's log by pymavlink."""
     from pymavlink import mavutil
 
     if path.stat().st_size > MAX_TLOG_BYTES:
@@ -169,12 +175,11 @@ def _mcap(path: Path) -> Streams:
         except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError):
             unread[item.key[:MAX_TOPIC]] += 1
     telemetry = topics if topics.heard else out
-    streams = telemetry.collected() if telemetry.heard else samples.streams
-    if not streams.attitude:
+    streams = telemetry.collected() if telemetry.heard else samples.streams()
+    if not len(streams.attitude):
         raise NoDiveError(f"holds no dive: neither holdfast/.../state nor mavlink/.../ATTITUDE; {ROS}")
-    streams.notes += not_read(unread)
-    streams.notes += [HELD_IN_WAVES] * ours + [ESTIMATES] * (streams is samples.streams)
-    return streams
+    warned = (HELD_IN_WAVES,) * ours + (ESTIMATES,) * (not telemetry.heard)
+    return streams._replace(notes=(*streams.notes, *not_read(unread), *warned))
 
 
 def _take_datagram(telemetry: Telemetry, t_s: float, data: bytes) -> None:
@@ -204,29 +209,25 @@ class _Samples:
     """What Holdfast published: its commands count while it steers an armed vehicle in MANUAL or STABILIZE."""
 
     def __init__(self) -> None:
-        self.streams = Streams()
+        self._rows = defaultdict[str, Any](list)
         self._acts, self._steers = DIRECT[MANUAL], True
+
+    def streams(self) -> Streams:
+        """Return what it took."""
+        return Streams(**self._rows)
 
     def take(self, kind: str, record: Mapping[str, Any]) -> None:
         """Take a record."""
-        streams = self.streams
-
-        def put(stream: list[Sample], *names: str) -> None:
-            stream.append(Sample(record["t_s"], tuple(record[name] for name in names)))
-
+        rows = self._rows
         if kind == "supervisor":
             self._steers = record["state"] in STEERS
         elif kind == "command":
             acts = self._acts if self._steers else UNKNOWN
             demands = (*(record[axis] for axis in AXES), 0.0, 0.0)
-            streams.sticks.append(Sample(record["t_s"], tuple(map(operator.mul, demands, acts))))
+            rows["sticks"].append((record["t_s"], *map(operator.mul, demands, acts)))
         else:
             self._acts = DIRECT.get(record["mode"], UNKNOWN) if record["armed"] else UNKNOWN
-            put(streams.attitude, "roll_rad", "pitch_rad", "heading_rad")
-            put(streams.rates, "roll_rate_radps", "pitch_rate_radps", "heading_rate_radps")
-            put(streams.level, "x_rate_mps", "y_rate_mps")
-            put(streams.down, "depth_rate_mps")
-            put(streams.depth, "depth_m")
-            put(streams.voltage, "voltage_v")
+            for stream, names in PUBLISHED.items():
+                rows[stream].append((record["t_s"], *(record[name] for name in names)))
             absent = {"x_m", "x_rate_mps"} & {*record.get("absent", ())}
-            streams.aided.append(Sample(record["t_s"], (0.0 if absent else 1.0,)))
+            rows["aided"].append((record["t_s"], 0.0 if absent else 1.0))

@@ -7,14 +7,17 @@ be the decimal sign. Times are seconds, milliseconds, microseconds or nanosecond
 
 import csv
 import math
+from array import array
 from collections import Counter
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from companion.identify.samples import ABSURD, NoDiveError, Sample, Streams
+from companion.identify.samples import ABSURD, NoDiveError, Streams
+from companion.records import Array
 from holdfast.files import encoding
 from lab.identify.telemetry import not_read
 
@@ -27,6 +30,7 @@ MEASURED: Final = {
     "rates": ("p_radps", "q_radps", "r_radps"),
 }
 """Columns by the stream that they fill."""
+COLUMNS: Final = (TIME, *STICKS, *chain.from_iterable(MEASURED.values()))
 SEPARATORS: Final = (";", "\t", ",", " ")
 UNITS: Final = ((2e6, 1e-9, "nanoseconds"), (2e3, 1e-6, "microseconds"), (2.0, 1e-3, "milliseconds"))
 """By the least step between two rows: what it is in s, and its name. No vehicle is known by a row in 2 s."""
@@ -50,7 +54,7 @@ def quoted(head: bytes) -> str:
 
 def read(path: Path) -> Streams:
     """Read it; a row has commands or measurements, or both. Raises NoDiveError, OSError."""
-    streams, unread = Streams(), Counter[str]()
+    values, unread = array("d"), Counter[str]()
     with path.open("rb") as binary:
         declared = encoding(binary.read(4))
     with path.open(encoding=declared, errors="replace", newline="") as file:
@@ -58,26 +62,26 @@ def read(path: Path) -> Streams:
         head = next(line for line in lines if TIME in _names(line, _separator(line)))
         separator = _separator(head)
         names = _names(head, separator)
-        if not {*names} & {*STICKS} or not any({*names} & {*columns} for columns in MEASURED.values()):
+        if not {*names} & {*STICKS} or not {*names} & {*COLUMNS[1 + len(STICKS) :]}:
             raise NoDiveError(
                 f"has no columns of commands ({', '.join(STICKS)}) or of measurements (z_m, u_mps, ...); "
                 f"its header is: {head.strip()[:MAX_QUOTED]}"
             )
-        number, before_s, backwards = 0, -math.inf, 0
-        rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+        number, rows = 0, csv.reader(lines, delimiter=separator, skipinitialspace=True)
         try:
             for number, cells in enumerate(rows):
                 if number > MAX_ROWS:
                     raise NoDiveError(f"has more than {MAX_ROWS} rows: cut it into parts")
-                t_s = _take(streams, dict(zip(names, cells, strict=False)), unread, comma=separator != ",")
-                before_s, backwards = t_s, backwards + (t_s < before_s)
+                row = dict(zip(names, cells, strict=False))
+                values.extend(_number(row, column, unread, comma=separator != ",") for column in COLUMNS)
         except csv.Error as error:
             raise NoDiveError(f"row {number + 2} cannot be read: {error}") from error
-    if backwards > MAX_BACKWARDS * number + 1:
+    table = np.array(values).reshape(-1, len(COLUMNS))
+    table = table[np.isfinite(table[:, 0])]
+    if (backwards := int(np.sum(np.diff(table[:, 0]) < 0.0))) > MAX_BACKWARDS * number + 1:
         raise NoDiveError(f"has {backwards} rows whose {TIME} is before the row above: sort or correct them")
-    _count_in_seconds(streams)
-    streams.notes += not_read(unread)
-    return streams
+    unit = _count_in_seconds(table[:, 0])
+    return _streams(table)._replace(notes=(*unit, *not_read(unread)))
 
 
 def _separator(line: str) -> str:
@@ -88,41 +92,32 @@ def _names(line: str, separator: str) -> list[str]:
     return [name.strip().strip('"').strip().lower() for name in line.strip().split(separator)]
 
 
-def _take(streams: Streams, row: Mapping[str, Any], unread: Counter[str], *, comma: bool) -> float:
-    """Take a row; return its time, NaN if it has none."""
-
-    def number(column: str) -> float:
-        """Return a cell's number, NaN for an empty one and, counted, for one that holds none."""
-        text = row.get(column, "").strip()
-        try:
-            return float(text.replace(",", ".") if comma else text) if text else math.nan
-        except ValueError:
-            unread[f"cells of {column}"] += 1
-            return math.nan
-
-    t_s = number(TIME)
-    if not math.isfinite(t_s):
+def _number(row: Mapping[str, str], column: str, unread: Counter[str], *, comma: bool) -> float:
+    """Return a cell's number, NaN for an empty one and, counted, for one that holds none."""
+    text = row.get(column, "").strip()
+    try:
+        return float(text.replace(",", ".") if comma else text) if text else math.nan
+    except ValueError:
+        unread[f"cells of {column}"] += 1
         return math.nan
-    sticks = [number(column) for column in STICKS]
-    if any(map(math.isfinite, sticks)):
-        streams.sticks.append(Sample(t_s, tuple(x if abs(x) < ABSURD else 0.0 for x in sticks)))
-    for name, columns in MEASURED.items():
-        values = tuple(number(column) for column in columns)
-        if any(abs(value) < ABSURD for value in values):
-            getattr(streams, name).append(Sample(t_s, values))
-    return t_s
 
 
-def _count_in_seconds(streams: Streams) -> None:
+def _count_in_seconds(times: Array) -> tuple[str, ...]:
     """Let the times begin at 0, in seconds; say so where they were in another unit."""
-    kinds = ("sticks", *MEASURED)
-    times = np.unique([sample.t_s for kind in kinds for sample in getattr(streams, kind)])
-    if times.size < 2:
-        return
-    step = float(np.median(np.diff(times)))
+    steps = np.diff(np.unique(times))
+    step = float(np.median(steps)) if steps.size else 0.0
     scale, unit = next(((scale, unit) for least, scale, unit in UNITS if step >= least), (1.0, ""))
-    if unit:
-        streams.notes.append(f"{TIME} counts {unit}")
-    for kind in kinds:
-        samples = [Sample((t_s - times[0]) * scale, values) for t_s, values in getattr(streams, kind)]
-        setattr(streams, kind, samples)
+    times[:] = (times - times.min(initial=math.inf)) * scale
+    return (f"{TIME} counts {unit}",) if unit else ()
+
+
+def _streams(table: Array) -> Streams:
+    """Return each stream's columns, in the rows in which it has a number."""
+    found, at = dict[str, Any](), 1
+    for name, columns in {"sticks": STICKS, **MEASURED}.items():
+        values, at = table[:, at : at + len(columns)], at + len(columns)
+        sane = np.abs(values) < ABSURD
+        known = np.isfinite(values).any(axis=1) if name == "sticks" else sane.any(axis=1)
+        values = np.where(sane, values, 0.0) if name == "sticks" else values
+        found[name] = np.column_stack((table[:, 0], values))[known]
+    return Streams(**found)

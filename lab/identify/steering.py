@@ -19,14 +19,14 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.identify.samples import HOLDS_S, Sample
+from companion.identify.samples import HOLDS_S, Rows, in_order
 from companion.mavlink.ardusub import LEAVE_ALONE, SPAN_US, STICK, STICK_NEUTRAL_Z, from_pwm_us
 from companion.records import Array
 
 Message = tuple[float, str, int, tuple[float, ...]]
 """When it arrived (s), its name, the system that sent it, its numbers."""
-Rows = Mapping[str, Array]
-"""By message a table in order of time: when it arrived (s), and its numbers."""
+Said = Mapping[str, Array]
+"""What a vehicle said: by message rows in order of time, when it arrived (s), and its numbers."""
 
 MANUAL_CONTROL, OVERRIDE = "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"
 OVERRIDE_SIGNS: Final = (1.0, 1.0, -1.0, 1.0, 1.0, 1.0)
@@ -41,30 +41,30 @@ TOGGLES: Final = ("NAMED_VALUE_FLOAT InputHold", "NAMED_VALUE_FLOAT RollPitch")
 """NAMED_VALUE_FLOATs that say whether a pilot's button keeps or redirects what MANUAL_CONTROL says."""
 
 
-def acted(heard: Iterable[Message], system: int, rows: Rows) -> tuple[list[Sample], str]:
+def acted(heard: Iterable[Message], system: int, said: Said) -> tuple[Rows, str]:
     """Return the demands on surge, sway, heave (down), yaw, roll, pitch, and in words what counts of `heard`.
 
-    `rows` are those of the vehicle, which is `system`. There are no demands where no message acted.
+    The vehicle is `system`. There are no demands where no message acted.
     """
     messages = sorted(heard)
     t_s = np.array([message[0] for message in messages])
-    mode, gain = held(t_s, rows.get("HEARTBEAT"), 3), held(t_s, rows.get("NAMED_VALUE_FLOAT PilotGain"), 1)
-    armed = is_armed(t_s, rows.get("HEARTBEAT"))
+    mode, gain = held(t_s, said.get("HEARTBEAT"), 3), held(t_s, said.get("NAMED_VALUE_FLOAT PilotGain"), 1)
+    armed = is_armed(t_s, said.get("HEARTBEAT"))
     for toggle in TOGGLES:
-        if toggle in rows:
-            gain[held(t_s, rows[toggle], 1) != 0.0] = math.nan
-    throttle_gain = latest(t_s, rows.get("PARAM_VALUE JS_THR_GAIN"), 1.0)
-    station = next((rows[name][-1, 1] for name in STATION if name in rows), DEFAULT_STATION)
-    demand, samples, left_out = [0.0] * 6, [], Counter[str]()
+        if toggle in said:
+            gain[held(t_s, said[toggle], 1) != 0.0] = math.nan
+    throttle_gain = said["PARAM_VALUE JS_THR_GAIN"][-1, 1] if "PARAM_VALUE JS_THR_GAIN" in said else 1.0
+    station = next((said[name][-1, 1] for name in STATION if name in said), DEFAULT_STATION)
+    demand, rows, left_out = [0.0] * 6, list[tuple[float, ...]](), Counter[str]()
     for i, (at_s, name, sender, (target, *fields)) in enumerate(messages):
         if sender != station:
             left_out[f"from system {sender}, not MAV_GCS_SYSID"] += 1
         elif target != system and (name == MANUAL_CONTROL or target):
             left_out[f"for system {target:.0f}"] += 1
         else:
-            demand = _demand(name, fields, demand, gain[i], throttle_gain[i])
+            demand = _demand(name, fields, demand, gain[i], throttle_gain)
             acts = DIRECT.get(mode[i], UNKNOWN) if armed[i] == 1.0 else UNKNOWN
-            samples.append(Sample(at_s, tuple(map(operator.mul, demand, acts))))
+            rows.append((at_s, *map(operator.mul, demand, acts)))
             if armed[i] != 1.0:
                 left_out["while it was not armed"] += 1
             elif mode[i] not in DIRECT:
@@ -74,7 +74,7 @@ def acted(heard: Iterable[Message], system: int, rows: Rows) -> tuple[list[Sampl
     words = " and ".join(sorted({message[1] for message in messages})) or "no message that steers"
     words += " times PilotGain" if MANUAL_CONTROL in words else ""
     words += "".join(f"; not counted: {count} {why}" for why, count in left_out.items())
-    return until_stale(samples) if any(x == x for one in samples for x in one.values) else [], words
+    return until_stale(rows) if any(x == x for _, *values in rows for x in values) else (), words
 
 
 def _demand(name: str, fields: list[float], before: list[float], gain: float, throttle: float) -> list[float]:
@@ -91,14 +91,13 @@ def _demand(name: str, fields: list[float], before: list[float], gain: float, th
     return [*np.clip(level, -1.0, 1.0).tolist(), roll / SPAN_US, pitch / SPAN_US]
 
 
-def until_stale(samples: Iterable[Sample]) -> list[Sample]:
-    """Return samples in order of time, each followed by an unknown one where none replaces it in STALE_S."""
-    result: list[Sample] = []
-    for sample in sorted(samples):
-        if result and sample.t_s > result[-1].t_s + STALE_S:
-            result.append(Sample(result[-1].t_s + STALE_S, (math.nan,) * len(sample.values)))
-        result.append(sample)
-    return result
+def until_stale(rows: Rows) -> Array:
+    """Return rows in order of time, each followed by an unknown one where none replaces it in STALE_S."""
+    table = in_order(rows)
+    last = np.flatnonzero(np.diff(table[:, 0]) > STALE_S)
+    unknown = np.full((last.size, table.shape[1]), math.nan)
+    unknown[:, 0] = table[last, 0] + STALE_S
+    return np.insert(table, last + 1, unknown, axis=0)
 
 
 def is_armed(t_s: Array, beats: Array | None) -> Array:
@@ -117,10 +116,3 @@ def held(t_s: Array, table: Array | None, column: int) -> Array:
     before, after = table[i, column], table[np.minimum(i + 1, len(table) - 1), column]
     known = (i >= 0) & (t_s - table[i, 0] <= HOLDS_S) & (before == after)
     return np.where(known, before, math.nan)
-
-
-def latest(t_s: Array, table: Array | None, default: float) -> Array:
-    """Return the value at each time, as last reported; before the first report it is that one's."""
-    if table is None or not table.size:
-        return np.full(t_s.size, default)
-    return np.asarray(table[np.maximum(np.searchsorted(table[:, 0], t_s, side="right") - 1, 0), 1])

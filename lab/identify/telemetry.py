@@ -2,16 +2,16 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.identify.samples import NoDiveError, Sample, Streams
-from companion.mavlink.ardusub import DIRECTIONS, from_pwm_us
+from companion.identify.samples import NoDiveError, Rows, Streams
+from companion.mavlink.ardusub import DIRECTIONS, NEUTRAL_US, SPAN_US
 from companion.records import Array
-from lab.identify.steering import MANUAL_CONTROL, OVERRIDE, Rows, acted, is_armed, until_stale
+from lab.identify.steering import MANUAL_CONTROL, OVERRIDE, Said, acted, is_armed, until_stale
 
 Fields = Callable[[str], Any]
 """Gives a message's field of a name."""
@@ -81,30 +81,34 @@ class Telemetry:
 
         Raises NoDiveError where nothing that steered it is known.
         """
-        streams = Streams(notes=not_read(self.unread))
         if not self.heard:
-            return streams
+            return Streams(notes=not_read(self.unread))
         vehicle = max(self._rows, key=self._rank)
-        rows = {name: np.array(sorted(given)) for name, given in self._rows[vehicle].items()}
-        stamps_s = _tied(rows)
-        speed = LOCAL if 2 * len(rows.get(LOCAL, ())) >= len(rows.get(GLOBAL, ())) else GLOBAL
-        streams.attitude = _samples(stamps_s["ATTITUDE"], rows["ATTITUDE"][:, 2:5])
-        streams.rates = _samples(stamps_s["ATTITUDE"], rows["ATTITUDE"][:, 5:8])
-        if speed in rows:
-            velocity = rows[speed][:, 2:5] * (1.0 if speed == LOCAL else 0.01)
-            streams.level = _samples(stamps_s[speed], velocity[:, :2])
-            streams.down = _samples(stamps_s[speed], velocity[:, 2:])
-        if GLOBAL in rows:
-            streams.depth = _samples(stamps_s[GLOBAL], -1e-3 * rows[GLOBAL][:, 5:])
-        streams.aided = [Sample(t_s, (aided(flags),)) for t_s, flags in rows.get("EKF_STATUS_REPORT", ())]
-        streams.voltage = [Sample(t_s, (1e-3 * mv,)) for t_s, mv in rows.get("SYS_STATUS", ())]
+        said = {name: np.array(sorted(given)) for name, given in self._rows[vehicle].items()}
+        stamps_s = _tied(said)
+        speed = LOCAL if 2 * len(said.get(LOCAL, ())) >= len(said.get(GLOBAL, ())) else GLOBAL
+
+        def rows(name: str, of: slice, scale: float = 1.0) -> Rows:
+            return np.column_stack((stamps_s[name], scale * said[name][:, of])) if name in said else ()
+
+        unit = 1.0 if speed == LOCAL else 0.01
+        kind, commands, words = self._commands(vehicle[0], said, stamps_s)
         others = [f"{s}/{c}" for s, c in sorted({*self._rows} - {vehicle}) if self._rank((s, c))[1]]
-        streams.notes += [
+        about = (
             f"vehicle: system/component {vehicle[0]}/{vehicle[1]}{', not ' if others else ''}"
-            f"{', '.join(others)}; motion: ATTITUDE{f' and {speed}' if speed in rows else ''}",
-            f"commands: {self._commands(streams, vehicle[0], rows, stamps_s)}",
-        ]
-        return streams
+            f"{', '.join(others)}; motion: ATTITUDE{f' and {speed}' if speed in said else ''}"
+        )
+        return Streams(
+            attitude=rows("ATTITUDE", slice(2, 5)),
+            rates=rows("ATTITUDE", slice(5, 8)),
+            level=rows(speed, slice(2, 4), unit),
+            down=rows(speed, slice(4, 5), unit),
+            depth=rows(GLOBAL, slice(5, 6), -1e-3),
+            aided=[(t_s, aided(flags)) for t_s, flags in said.get("EKF_STATUS_REPORT", ())],
+            voltage=[(t_s, 1e-3 * mv) for t_s, mv in said.get("SYS_STATUS", ())],
+            notes=(*not_read(self.unread), about, f"commands: {words}"),
+            **{kind: commands},
+        )
 
     def _rank(self, source: Source) -> tuple[bool, int]:
         """Rank a source as the vehicle: an autopilot's, of the most attitude."""
@@ -113,9 +117,9 @@ class Telemetry:
         beats = rows.get("HEARTBEAT", ())
         return count > 0 and any(beat[1] != mavlink.MAV_AUTOPILOT_INVALID for beat in beats), count
 
-    def _commands(self, streams: Streams, system: int, rows: Rows, stamps_s: Mapping[str, Array]) -> str:
-        """Fill in either motors or sticks; return which, in words."""
-        main = rows[OUTPUTS][:, 2] == 0.0 if OUTPUTS in rows else np.zeros(0, bool)
+    def _commands(self, system: int, said: Said, stamps_s: Mapping[str, Array]) -> tuple[str, Rows, str]:
+        """Return "motors" or "sticks", their demands, and what tells them."""
+        main = said[OUTPUTS][:, 2] == 0.0 if OUTPUTS in said else np.zeros(0, bool)
         at_s, words = stamps_s[OUTPUTS][main] if main.sum() > 1 else np.zeros(0), ""
         rate_hz = 1.0 / max(float(np.median(np.diff(np.sort(at_s)))), 1e-3) if at_s.size else 0.0
         if rate_hz < MIN_MOTOR_HZ:
@@ -125,31 +129,31 @@ class Telemetry:
                 for name in (MANUAL_CONTROL, OVERRIDE)
                 for row in given.get(name, ())
             ]
-            streams.sticks, words = acted(heard, system, rows)
-            if streams.sticks:
-                return (f"not {OUTPUTS} at {rate_hz:.1f} Hz, but " if rate_hz else "") + words
+            sticks, words = acted(heard, system, said)
+            if len(sticks):
+                return (
+                    "sticks",
+                    sticks,
+                    (f"not {OUTPUTS} at {rate_hz:.1f} Hz, but " if rate_hz else "") + words,
+                )
             if not rate_hz:
                 raise NoDiveError(f"holds no commands that acted on the vehicle: {words}")
             words = f", too slow to tell delays; {words}"
-        parameters = {name[12:]: float(of[-1, 1]) for name, of in rows.items() if name[:12] == "PARAM_VALUE "}
-        outputs = _samples(at_s, rows[OUTPUTS][main, 3:])
-        streams.motors = motors_of(outputs, parameters, is_armed(at_s, rows.get("HEARTBEAT")))
+        parameters = {name[12:]: float(of[-1, 1]) for name, of in said.items() if name[:12] == "PARAM_VALUE "}
+        outputs = np.column_stack((at_s, said[OUTPUTS][main, 3:]))
+        motors = motors_of(outputs, parameters, is_armed(at_s, said.get("HEARTBEAT")))
         if "SERVO1_FUNCTION" not in parameters:
             words += (
                 "; no SERVOn_FUNCTION and MOT_n_DIRECTION in it: motors 1 to 8, none reversed, are assumed"
             )
-        return f"{OUTPUTS} at {rate_hz:.1f} Hz{words}"
+        return "motors", motors, f"{OUTPUTS} at {rate_hz:.1f} Hz{words}"
 
 
-def _samples(t_s: Array, values: Array) -> list[Sample]:
-    return [Sample(at_s, tuple(row)) for at_s, row in zip(t_s.tolist(), values.tolist(), strict=True)]
-
-
-def _tied(rows: Rows) -> dict[str, Array]:
+def _tied(said: Said) -> dict[str, Array]:
     """Return the vehicle's stamps on the clock of the arrivals: the quickest message ties the two."""
-    arrived_s = {name: rows[name][:, 0] for name in BOOT_UNITS_S if name in rows}
-    boot_s = {name: rows[name][:, 1] * BOOT_UNITS_S[name] for name in arrived_s}
-    if OUTPUTS in rows:
+    arrived_s = {name: said[name][:, 0] for name in BOOT_UNITS_S if name in said}
+    boot_s = {name: said[name][:, 1] * BOOT_UNITS_S[name] for name in arrived_s}
+    if OUTPUTS in said:
         expected_s = np.interp(arrived_s[OUTPUTS], arrived_s["ATTITUDE"], boot_s["ATTITUDE"])
         boot_s[OUTPUTS] += WRAP_S * np.round((expected_s - boot_s[OUTPUTS]) / WRAP_S)
     everything_s = np.concatenate([*arrived_s.values()])
@@ -172,8 +176,8 @@ def aided(flags: float) -> float:
     return 1.0 if measured and not bits & CONSTANT_POSITION else 0.0
 
 
-def motors_of(outputs: Sequence[Sample], parameters: Mapping[str, float], armed: Array) -> list[Sample]:
-    """Return the demand on each motor from servo outputs (µs), by SERVOn_FUNCTION and MOT_n_DIRECTION.
+def motors_of(outputs: Array, parameters: Mapping[str, float], armed: Array) -> Array:
+    """Return the demand on each motor from rows of outputs (µs), by SERVOn_FUNCTION and MOT_n_DIRECTION.
 
     It is unknown while the vehicle is not `armed`, 0: hands and winches may move it then.
     """
@@ -182,23 +186,16 @@ def motors_of(outputs: Sequence[Sample], parameters: Mapping[str, float], armed:
         motor = parameters.get(f"SERVO{number}_FUNCTION", 0.0) - FIRST_MOTOR_FUNCTION + 1
         if motor in servo:
             servo[int(motor)] = number
+    pwm_us = np.trunc(np.pad(outputs, ((0, 0), (0, 16)))[:, [*servo.values()]])
     signs = [-1.0 if parameters.get(name, 1.0) < 0.0 else 1.0 for name in DIRECTIONS]
-
-    def demands(pwm_us: Sequence[float]) -> tuple[float, ...]:
-        outputs_us = dict(enumerate(map(int, pwm_us), 1))
-        return tuple(sign * from_pwm_us(outputs_us.get(servo[n]) or 1500) for n, sign in enumerate(signs, 1))
-
-    rests = (math.nan,) * len(signs)
-    return until_stale(
-        Sample(t_s, rests if off else demands(pwm_us))
-        for (t_s, pwm_us), off in zip(outputs, armed == 0.0, strict=True)
-    )
+    demands = signs * np.clip((np.where(pwm_us == 0.0, NEUTRAL_US, pwm_us) - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
+    return until_stale(np.column_stack((outputs[:, 0], np.where(armed[:, None] == 0.0, math.nan, demands))))
 
 
-def not_read(counts: Mapping[str, int]) -> list[str]:
+def not_read(counts: Mapping[str, int]) -> tuple[str, ...]:
     """Say what could not be read, if anything."""
     what = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()) if count)
-    return [f"could not be read and left out: {what}"] if what else []
+    return (f"could not be read and left out: {what}",) if what else ()
 
 
 def _number(value: Any) -> float:

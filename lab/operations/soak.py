@@ -1,7 +1,7 @@
 """`holdfast lab bench soak`: everything at once, live, for as long as asked, and whether anything grows.
 
-Simulator, companion, dashboard with one browser, recorder. Once a minute a new Zenoh client comes, moves the
-setpoint, engages again if the companion let go, and leaves.
+Simulator, companion, dashboard with one browser, recorder. Once a minute `holdfast tell` moves the setpoint,
+and engages again if the companion let go.
 """
 
 import argparse
@@ -47,12 +47,10 @@ class Duration(NamedTuple):
 
 
 class Minute(NamedTuple):
-    """What a minute was like."""
+    """When a minute ended, and what each process had allocated by then."""
 
     at_s: float
     memory_kb: Mapping[str, float]
-    lateness_ms: Sequence[float]
-    """Of each tick."""
 
 
 class ChildError(Exception):
@@ -61,17 +59,18 @@ class ChildError(Exception):
 
 @dataclass
 class SoakLog:
-    """What came over Zenoh."""
+    """What came over Zenoh, minute by minute."""
 
     lateness_ms: list[float] = field(default_factory=list)
-    """Of the ticks since somebody emptied it."""
+    """Of each tick."""
     state: str = ""
     let_go: Counter[str] = field(default_factory=Counter)
     """How often the companion left ACTIVE, by its reason."""
     loop: telemetry.Loop | None = None
     recorder: telemetry.Recorder | None = None
     not_done: int = 0
-    """Commands."""
+    """Visits of which a command was refused."""
+    minutes: list[Minute] = field(default_factory=list)
 
     def take(self, key: str, payload: bytes) -> None:
         """Take a sample."""
@@ -88,13 +87,31 @@ class SoakLog:
                 self.let_go[record.reason] += 1
             self.state = record.state
 
-    def listen(self, seen: Subscription, seconds: float) -> None:
-        """Take all that comes for so long."""
-        until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
-            for key, payload in seen.take():
-                self.take(key, payload)
-            time.sleep(LOOK_S)
+    def figures(self) -> Row:
+        """Return memory (MB, and its slope in kB/h), lateness (ms), and counts."""
+        if not self.minutes:
+            return {}
+        begin_s = min(WARM_UP_S, 0.1 * self.minutes[-1].at_s)
+        counted = [minute for minute in self.minutes if minute.at_s >= begin_s]
+        hours, found = [minute.at_s / 3600.0 for minute in counted], Row()
+        for name, now_kb in self.minutes[-1].memory_kb.items():
+            used = [minute.memory_kb[name] for minute in counted]
+            found[f"{name}_memory_mb"] = now_kb / 1024.0
+            found[f"{name}_slope_kb_h"] = float(np.polyfit(hours, used, 1)[0]) if len(hours) > 2 else math.nan
+        p50, p99, most = np.percentile(self.lateness_ms or [math.nan], [50, 99, 100]).tolist()
+        recorder = self.recorder
+        return found | {
+            "lateness_p50_ms": p50,
+            "lateness_p99_ms": p99,
+            "lateness_max_ms": most,
+            "ticks": self.loop.tick if self.loop else 0,
+            "ticks_skipped": self.loop.late_ticks if self.loop else 0,
+            "let_go": self.let_go.total(),
+            "let_go_why": "; ".join(self.let_go),
+            "visits_not_done": self.not_done,
+            "records": recorder.messages if recorder else 0,
+            "records_lost": recorder.lost + recorder.dropped if recorder else math.inf,
+        }
 
 
 class Soak(Study[Duration]):
@@ -120,17 +137,16 @@ class Soak(Study[Duration]):
     def dive(self, cases: Sequence[Duration]) -> Iterator[Row]:
         """Soak; `error` says why it ended early."""
         for case in cases:
-            heard, minutes, error = SoakLog(), list[Minute](), ""
+            heard, error = SoakLog(), ""
             with tempfile.TemporaryDirectory(prefix="holdfast-soak-") as logs:
                 try:
-                    for minute in _minutes(60.0 * case.minutes, Path(logs), heard):
-                        minutes.append(minute)
+                    for _ in soaked(case.minutes, Path(logs), heard):
                         self.advance(1)
                 except (ChildError, KeyboardInterrupt) as raised:
                     error = str(raised) or "stopped"
                 said = [log.read_text(errors="replace") for log in Path(logs).glob("*.log")]
             tracebacks = sum(text.count("Traceback") for text in said)
-            yield {"error": error, "tracebacks": tracebacks, **figures(heard, minutes)}
+            yield {"error": error, "tracebacks": tracebacks, **heard.figures()}
 
     def failed(self, rows: Sequence[Row]) -> bool:
         """Return whether a process ended or said Traceback, or a record was lost."""
@@ -145,51 +161,38 @@ class Soak(Study[Duration]):
         return {"columns": ["figure", "measured"], "rows": shown, "soak": rows}
 
 
-def _minutes(seconds: float, logs: Path, heard: SoakLog) -> Iterator[Minute]:
+def soaked(minutes: int, logs: Path, heard: SoakLog) -> Iterator[None]:
     """Run everything for so long, and come back every minute. Raises ChildError if a process ended."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
         children = _start(stack, logs, endpoint)
         seen = stack.enter_context(Subscription(f"holdfast/{VEHICLE}/**", endpoint))
-        begun_s = time.monotonic()
-        while heard.state != STEERS:
-            _check(children, logs)
-            if time.monotonic() - begun_s > START_S:
-                raise ChildError(f"nothing was engaged in {START_S:g} s\n{_last(logs, 'run')}")
-            heard.listen(seen, LOOK_S)
-        begun_s, count, heard.lateness_ms = time.monotonic(), 0, []
-        while (at_s := time.monotonic() - begun_s) < seconds:
-            heard.listen(seen, min(60.0, seconds - at_s))
-            _check(children, logs)
+
+        def listen(until_s: float, wanted: str = "") -> None:
+            while time.monotonic() < until_s and (not wanted or heard.state != wanted):
+                time.sleep(LOOK_S)
+                for key, payload in seen.take():
+                    heard.take(key, payload)
+                for name, child in children.items():
+                    if child.poll() is not None:
+                        why = f"`holdfast {name}` ended with status {child.returncode}"
+                        raise ChildError(f"{why}\n{_last(logs, name)}")
+
+        listen(time.monotonic() + START_S, STEERS)
+        if heard.state != STEERS:
+            raise ChildError(f"nothing was engaged in {START_S:g} s\n{_last(logs, 'run')}")
+        begun_s, heard.lateness_ms = time.monotonic(), []
+        for number in range(1, minutes + 1):
+            listen(begun_s + 60.0 * number)
             memory = {name: allocated_kb(child.pid) for name, child in children.items()}
-            yield Minute(time.monotonic() - begun_s, memory, heard.lateness_ms)
-            count, heard.lateness_ms = count + 1, []
-            _visit(endpoint, heard, DEPTHS_M[count % len(DEPTHS_M)])
-
-
-def figures(heard: SoakLog, minutes: Sequence[Minute]) -> Row:
-    """Return memory (MB, and its slope in kB/h), lateness (ms), and counts."""
-    if not minutes:
-        return {}
-    counted = [minute for minute in minutes if minute.at_s >= min(WARM_UP_S, 0.1 * minutes[-1].at_s)]
-    hours, found = [minute.at_s / 3600.0 for minute in counted], Row()
-    for name, now_kb in minutes[-1].memory_kb.items():
-        used = [minute.memory_kb[name] for minute in counted]
-        found[f"{name}_memory_mb"] = now_kb / 1024.0
-        found[f"{name}_slope_kb_h"] = float(np.polyfit(hours, used, 1)[0]) if len(hours) > 2 else math.nan
-    late_ms = [ms for minute in minutes for ms in minute.lateness_ms] or [math.nan]
-    p50, p99 = np.percentile(late_ms, [50, 99])
-    found |= {"lateness_p50_ms": float(p50), "lateness_p99_ms": float(p99), "lateness_max_ms": max(late_ms)}
-    loop, recorder = heard.loop, heard.recorder
-    return found | {
-        "ticks": loop.tick if loop else 0,
-        "ticks_skipped": loop.late_ticks if loop else 0,
-        "let_go": heard.let_go.total(),
-        "let_go_why": "; ".join(heard.let_go),
-        "commands_not_done": heard.not_done,
-        "records": recorder.messages if recorder else 0,
-        "records_lost": recorder.lost + recorder.dropped if recorder else math.inf,
-    }
+            heard.minutes.append(Minute(time.monotonic() - begun_s, memory))
+            yield
+            visit = ["setpoint", f"depth_m={DEPTHS_M[number % len(DEPTHS_M)]:g}"]
+            visit += ["clear_fault"] * (heard.state == "FAULT") + ["engage"] * (heard.state != STEERS)
+            told = subprocess.run(
+                [*HOLDFAST, "tell", "--connect", endpoint, VEHICLE, *visit], capture_output=True
+            )
+            heard.not_done += told.returncode != 0
 
 
 def allocated_kb(pid: int) -> float:
@@ -216,32 +219,11 @@ def _start(stack: ExitStack, logs: Path, endpoint: str) -> dict[str, subprocess.
     return children
 
 
-def _check(children: Mapping[str, subprocess.Popen[str]], logs: Path) -> None:
-    """Raise ChildError if one has ended."""
-    for name, child in children.items():
-        if child.poll() is not None:
-            raise ChildError(f"`holdfast {name}` ended with status {child.returncode}\n{_last(logs, name)}")
-
-
 def _last(logs: Path, name: str) -> str:
     return "\n".join((logs / f"{name}.log").read_text(errors="replace").splitlines()[-LAST_LINES:])
 
 
-def _visit(endpoint: str, heard: SoakLog, depth_m: float) -> None:
-    """Come as a new client, say where to be and, if it let go, to engage; and leave."""
-    orders: list[tuple[str, dict[str, object]]] = [("setpoint", {"depth_m": depth_m})]
-    orders += [("clear_fault", {})] if heard.state == "FAULT" else []
-    orders += [("engage", {})] if heard.state != STEERS else []
-    with Subscription(f"holdfast/{VEHICLE}/event", endpoint) as client:
-        until_s = time.monotonic() + 5.0
-        while not client.connected and time.monotonic() < until_s:
-            time.sleep(LOOK_S)
-        for command, what in orders:
-            heard.not_done += not client.tell(VEHICLE, command, what).done
-
-
 async def _browse(port: int) -> None:
-    """Read the page's WebSocket, as a browser does."""
     origin = f"http://127.0.0.1:{port}"
     async with aiohttp.ClientSession(headers={"Origin": origin}) as session:
         while True:

@@ -4,7 +4,6 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -12,6 +11,7 @@ from rich.table import Table
 from lab.paper.plots import draw
 from lab.paper.results import EXACT, NAMES, Check, Results, checks, middle
 from lab.paper.simulation import COMPENSATORS, DISTURBANCES, LAWS, PaperCase, dive, figures, table
+from lab.study import ruled
 from lab.tables import write_json
 
 TITLES = {"derived": "−m̄κε, as derived", "printed": "−κε, as printed"}
@@ -43,11 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _cases(results: Results, law: str) -> Table:
     title = f"{TITLES[law]}: medians of 10 seeds in mm, mm/s, N"
-    drawn = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in ("water", "controller"):
-        drawn.add_column(name, no_wrap=True)
-    for name in COLUMNS.values():
-        drawn.add_column(name, justify="right", no_wrap=True)
+    drawn = ruled(title, "water", "controller", *COLUMNS.values(), left=2)
     for water in DISTURBANCES:
         for kind in COMPENSATORS:
             case = PaperCase(water, law, *kind)
@@ -62,9 +58,7 @@ def _cell(value: float) -> str:
 
 
 def _checks(found: list[Check]) -> Table:
-    drawn = Table(title="What must come out", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for title in ("check", "measured", "wanted", "held"):
-        drawn.add_column(title, justify="left" if title == "check" else "right")
+    drawn = ruled("What must come out", "check", "measured", "wanted", "held")
     for check in found:
         drawn.add_row(check.text, f"{check.value:.3f}", check.wanted, "yes" if check.held else "NO")
     return drawn

@@ -41,7 +41,6 @@ def draw(folder: Path, results: Results) -> None:
 
 
 def _typical_seed(results: Results) -> int:
-    """Return the seed whose network comes closest to the medians."""
     medians = {name: middle(results, name, NETWORK) for name in ("rms_mm", "orbit_mm", "peak_rate_mm_s")}
 
     def distance(seed: int) -> float:

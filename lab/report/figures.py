@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lab.report.log import Array, Columns, Log, StateSpan
+from lab.report.log import Array, Columns, Log, StateSpan, between
 
 SETTLE_S = 3.0
 """After engaging, this long is the way in and not counted as holding."""
@@ -125,7 +125,7 @@ def error(state: Columns, dof: str) -> Array:
     apart = state[axis.value] - state[axis.desired]
     if dof == "psi":
         apart = (apart + np.pi) % (2.0 * np.pi) - np.pi
-    return axis.scale * apart
+    return np.asarray(axis.scale * apart)
 
 
 def _warnings(log: Log) -> list[str]:
@@ -151,13 +151,13 @@ def _warnings(log: Log) -> list[str]:
 
 def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
     law, state, command = (
-        log.keys[key].between(span.begin_s, span.end_s) for key in (f"dof/{dof}", "state", "command")
+        between(log.keys[key], span.begin_s, span.end_s) for key in (f"dof/{dof}", "state", "command")
     )
-    if min(law.at_s.size, state.at_s.size, command.at_s.size) < 10 or not law["engaged"].any():
+    if min(law.size, state.size, command.size) < 10 or not law["engaged"].any():
         return None
-    rate = np.abs(np.interp(state.at_s, law.at_s, np.nan_to_num(law["x_d_dot"])))
+    rate = np.abs(np.interp(state["at_s"], law["at_s"], np.nan_to_num(law["x_d_dot"])))
     moving = rate > AXES[dof].moving
-    holding = ~moving & (state.at_s >= span.begin_s + SETTLE_S)
+    holding = ~moving & (state["at_s"] >= span.begin_s + SETTLE_S)
     apart = error(state, dof)
     calm = apart[holding & np.isfinite(apart)]
     force = command[AXES[dof].force]
@@ -170,8 +170,8 @@ def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
         bias=_mean(calm),
         moving_rms=_rms(apart[moving & np.isfinite(apart)]),
         thrust_rms=_rms(force),
-        thrust_mean=_mean(force[np.interp(command.at_s, state.at_s, holding) > 0.5]),
-        chatter=_rms(np.diff(force)[np.diff(command.at_s) < 0.1]),
+        thrust_mean=_mean(force[np.interp(command["at_s"], state["at_s"], holding) > 0.5]),
+        chatter=_rms(np.diff(force)[np.diff(command["at_s"]) < 0.1]),
         saturated=float(law["saturated"].mean()),
     )
 
@@ -179,7 +179,7 @@ def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
 def _spread(log: Log, column: str) -> tuple[float, float, float]:
     """Return median, 99th percentile and greatest of a number of the loop; of ages those while engaged."""
     loop = log.keys["loop"]
-    values = loop[column][log.engaged(loop.at_s)] if column.endswith("age_s") else loop[column]
+    values = loop[column][log.engaged(loop["at_s"])] if column.endswith("age_s") else loop[column]
     if not values.size:
         return (np.nan,) * 3
     median, p99, worst = LOOP[column][1] * np.percentile(values, (50.0, 99.0, 100.0))

@@ -50,7 +50,7 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
             f"<title>{escape(title)}</title><style>{STYLE}</style>",
             f"<h1>{escape(title)}</h1>\n<p>{escape(', '.join(said))}.</p>",
             f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
-            f'<img alt="States, each axis, and the loop over time" src="data:image/png;base64,{image}">',
+            f'<img alt="States and each axis over time" src="data:image/png;base64,{image}">',
             f"<h2>How well it was held</h2>\n{_rows(HELD, _held(figures))}{ERRORS}",
             *(f"<h2>{name}</h2>\n{_rows(head, rows)}" for name, head, rows in _tables(log, figures)),
             f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",

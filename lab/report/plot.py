@@ -14,7 +14,7 @@ from lab import style
 from lab.report.figures import AXES, DiveFigures, error
 from lab.report.log import GAP_S, Array, Log
 
-WIDTH_IN, AXIS_IN, REST_IN, MAP_IN, DPI = 12.8, 2.3, 3.2, 5.0, 130
+WIDTH_IN, STATES_IN, AXIS_IN, MAP_IN, DPI = 12.8, 0.7, 2.3, 5.0, 130
 COLOURS = {
     "IDLE": "0.90",
     "READY": "0.78",
@@ -30,23 +30,22 @@ FENCE_SEEN = 3.0
 
 
 def draw(log: Log, figures: DiveFigures) -> Figure:
-    """Draw states, a row for each axis that was held (value, error, force), the loop, and the map."""
+    """Draw states, a row for each axis that was held (value, error, force), and the map."""
     held = {hold.dof for phase in figures.phases for hold in phase.held} or {"z", "psi"}
     axes = [dof for dof in AXES if dof in held]
     mapped = int(np.isfinite(log.keys["state"]["x_m"] + log.keys["state"]["y_m"]).sum()) > 1
-    height_in = REST_IN + AXIS_IN * len(axes) + MAP_IN * mapped
-    rows: list[Any] = [["states"] * 3, *([f"{dof} {what}" for what in "vef"] for dof in axes), ["loop"] * 3]
+    height_in = 0.5 + STATES_IN + AXIS_IN * len(axes) + MAP_IN * mapped
+    rows: list[Any] = [["states"] * 3, *([f"{dof} {what}" for what in "vef"] for dof in axes)]
     rows += [["map"] * 3] * mapped
     with rc_context({"agg.path.chunksize": 20_000}):
         figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
         panels = figure.subplot_mosaic(
             rows,
-            height_ratios=[0.7, *[AXIS_IN] * len(axes), REST_IN - 0.7, *[MAP_IN] * mapped],
+            height_ratios=[STATES_IN, *[AXIS_IN] * len(axes), *[MAP_IN] * mapped],
         )
     _states(panels["states"], log)
     for dof in axes:
         _axis(panels[f"{dof} v"], panels[f"{dof} e"], panels[f"{dof} f"], log, dof)
-    _loop(panels["loop"], log)
     if mapped:
         draw_map(panels["map"], log)
     for name, panel in panels.items():
@@ -60,12 +59,13 @@ def draw(log: Log, figures: DiveFigures) -> Figure:
                 panel.axvspan(phase.begin_s, phase.end_s, color=style.WINDOW, linewidth=0, zorder=-10)
             for span in figures.faults:
                 panel.axvline(span.begin_s, color=style.VERMILLION, linewidth=1.2, linestyle="--", zorder=-1)
-    panels["loop"].set_xlabel("time since the recording began (s)", fontsize=style.SMALL)
+    for what in "vef":
+        label = "time since the recording began (s)"
+        panels[f"{axes[-1]} {what}"].set_xlabel(label, fontsize=style.SMALL)
     return figure
 
 
 def _states(panel: Axes, log: Log) -> None:
-    """Draw the supervisor's states as a band, and marks for warnings and faults."""
     for span in log.spans:
         wide = max(span.end_s - span.begin_s, 0.002 * log.duration_s)
         colour = COLOURS.get(span.state, "0.5")
@@ -85,20 +85,20 @@ def _states(panel: Axes, log: Log) -> None:
 def _axis(value: Axes, apart: Axes, force: Axes, log: Log, dof: str) -> None:
     """Draw one degree of freedom; error, demand and disturbance only while the vehicle was engaged."""
     axis, state, law = AXES[dof], log.keys["state"], log.keys[f"dof/{dof}"]
-    name, on = axis.name.capitalize(), log.engaged(state.at_s)
+    name, on = axis.name.capitalize(), log.engaged(state["at_s"])
     scale, unit = (axis.scale, axis.unit) if dof == "psi" else (1.0, "m")
     measured, error_now = state[axis.value], error(state, dof)
     if dof == "psi":
         measured = np.unwrap(np.nan_to_num(measured))
     desired = scale * measured - error_now * (1.0 if dof == "psi" else 1e-3)
-    value.plot(state.at_s, scale * measured, color=style.BLUE, linewidth=1.6, label="measured")
-    value.plot(state.at_s, np.where(on, desired, np.nan), "k:", linewidth=1.2, label="desired")
+    value.plot(state["at_s"], scale * measured, color=style.BLUE, linewidth=1.6, label="measured")
+    value.plot(state["at_s"], np.where(on, desired, np.nan), "k:", linewidth=1.2, label="desired")
     if dof == "z":
         value.invert_yaxis()
     style.name(value, name, f"{axis.name} ({unit})")
     _legend(value)
 
-    apart.plot(state.at_s, np.where(on, error_now, np.nan), color=style.BLUE, linewidth=0.9)
+    apart.plot(state["at_s"], np.where(on, error_now, np.nan), color=style.BLUE, linewidth=0.9)
     style.zero(apart)
     style.name(apart, f"{name} error", f"measured minus desired ({axis.unit})")
     shown = np.abs(error_now[on & np.isfinite(error_now)])
@@ -108,34 +108,22 @@ def _axis(value: Axes, apart: Axes, force: Axes, log: Log, dof: str) -> None:
 
     held = law["engaged"] > 0.0
     for column, colour, label in (("tau", style.BLUE, "demand"), ("d_hat", style.ORANGE, r"$\hat d$")):
-        force.plot(law.at_s, np.where(held, law[column], np.nan), color=colour, linewidth=0.9, label=label)
+        force.plot(law["at_s"], np.where(held, law[column], np.nan), color=colour, linewidth=0.9, label=label)
     full = held & (law["saturated"] > 0.0)
     if full.any():
         label = f"saturated {full.sum() / held.sum():.1%}"
         top = np.where(full, np.nanmax(np.abs(law["tau"][held])), np.nan)
-        force.plot(law.at_s, top, color=style.VERMILLION, linewidth=3.0, label=label)
+        force.plot(law["at_s"], top, color=style.VERMILLION, linewidth=3.0, label=label)
     style.zero(force)
     style.name(force, "Moment" if dof == "psi" else "Force", f"{axis.name} ({axis.force_unit})")
     _legend(force)
 
 
-def _loop(panel: Axes, log: Log) -> None:
-    loop = log.keys["loop"]
-    for column, scale, colour, label in (
-        ("lateness_ms", 1.0, style.BLUE, "lateness of the tick"),
-        ("telemetry_delay_s", 1e3, style.GREEN, "telemetry delay"),
-        ("command_delay_s", 1e3, style.VERMILLION, "command delay"),
-    ):
-        panel.plot(loop.at_s, scale * loop[column], color=colour, linewidth=1.0, label=label)
-    style.name(panel, "Loop", "ms")
-    _legend(panel)
-
-
 def draw_map(panel: Axes, log: Log) -> None:
     """Draw where the dive was, where it should have been, its paths, and the fence; north up."""
     state = log.keys["state"]
-    gap = np.diff(state.at_s, append=state.at_s[-1]) > GAP_S
-    on = log.engaged(state.at_s)
+    gap = np.diff(state["at_s"], append=state["at_s"][-1]) > GAP_S
+    on = log.engaged(state["at_s"])
 
     def between_gaps(column: str, shown: np.ndarray) -> Array:
         return np.where(shown & ~gap, state[column], np.nan)

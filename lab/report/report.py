@@ -25,7 +25,7 @@ The command reads truncated files as far as they go. The HTML file contains ever
 
 
 def main(argv: list[str]) -> int:
-    """Run the command; returns 2 where there is no dive to report."""
+    """Run the command. Raises RefusedError where there is no dive to report."""
     parser = command_parser(
         "report",
         "Writes a report of a recorded dive, as one HTML page and a picture: warnings, control errors, "
@@ -40,22 +40,18 @@ def main(argv: list[str]) -> int:
     removed_option(parser, "--table", "--json has the same figures")
     removed_option(parser, "--foxglove", "Foxglove opens the recording itself")
     options = parser.parse_args(argv)
-    try:
-        log = bounded(load, options.files, options.files)
-        found = figures(log)
-        picture = io.BytesIO()
-        draw(log, found).savefig(picture, format="png")
-        stem = (options.out or options.files[0].parent) / options.files[0].stem
-        stem.parent.mkdir(parents=True, exist_ok=True)
-        stem.with_suffix(".png").write_bytes(picture.getvalue())
-        stem.with_suffix(".html").write_text(page(log, found, picture.getvalue()), encoding="utf-8")
-        if options.json:
-            about = {"vehicle": log.vehicle, "began_utc_ns": log.began_ns, "duration_s": log.duration_s}
-            write_json(options.json, about | asdict(found))
-        if options.ticks:
-            write_columns(options.ticks, log.ticks())
-    except ValueError as error:
-        sys.stderr.write(f"holdfast report: {error}\n")
-        return 2
+    log = bounded(load, options.files, options.files)
+    found = figures(log)
+    picture = io.BytesIO()
+    draw(log, found).savefig(picture, format="png")
+    stem = (options.out or options.files[0].parent) / options.files[0].stem
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    stem.with_suffix(".png").write_bytes(picture.getvalue())
+    stem.with_suffix(".html").write_text(page(log, found, picture.getvalue()), encoding="utf-8")
+    if options.json:
+        about = {"vehicle": log.vehicle, "began_utc_ns": log.began_ns, "duration_s": log.duration_s}
+        write_json(options.json, about | asdict(found))
+    if options.ticks:
+        write_columns(options.ticks, log.ticks())
     sys.stdout.write("\n".join([*lines(found), f"page: {stem.with_suffix('.html')}", ""]))
     return 0

@@ -27,17 +27,12 @@ from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
-from holdfast import RefusedError
 from lab.identify.readers import kind_of
 
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HEADER = 10
 FOREIGN = "is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
-
-
-class RerunError(RefusedError):
-    """The dive cannot be run again; says why."""
 
 
 @dataclass
@@ -62,37 +57,31 @@ class Outcome:
 
 
 def load(files: Sequence[Path]) -> Tape:
-    """Read the raw ticks of a dive's files. Raises RerunError where there are none, OSError, ValueError."""
+    """Read the raw ticks of a dive's files. Raises ValueError where there are none, OSError."""
     ticks: dict[int, Raw] = {}
     config: Mapping[str, Any] = {}
     decoder = msgspec.msgpack.Decoder(Raw)
     notes: list[str] = []
     services: set[str] = set()
     for file in files:
-        try:
-            ours = kind_of(file) == "MCAP"
-        except NoDiveError as error:
-            raise RerunError(f"{file}: {error}") from error
-        if not ours:
-            raise RerunError(f"{file}: {FOREIGN}")
+        if kind_of(file) != "MCAP":
+            raise NoDiveError(f"{file}: {FOREIGN}")
         reader = Reader(file)
         for item in reader:
             services.add(item.key.partition("/")[0])
             if item.key.startswith("holdfast/") and item.key.endswith("/raw"):
-                try:
-                    raw = decoder.decode(item.payload)
-                except (ValueError, RecursionError) as error:
-                    raise RerunError(f"{file}: holds a raw tick that cannot be read: {error}") from error
-                old = ticks.setdefault(raw.tick, raw)
-                if old.now_s != raw.now_s:
-                    raise RerunError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
+                raw = decoder.decode(item.payload)
+                if ticks.setdefault(raw.tick, raw).now_s != raw.now_s:
+                    raise NoDiveError(f"{file}: holds more than one run of the companion (tick {raw.tick})")
         config = config or msgspec.json.decode(reader.metadata.get("config", {}).get("json", "{}"))
         if not reader.whole:
             notes.append(f"{file.name} was cut; what is whole of it was used")
     if not ticks and "holdfast" not in services and "mavlink" in services:
-        raise RerunError(f"{files[0]}: {FOREIGN}")
+        raise NoDiveError(f"{files[0]}: {FOREIGN}")
     if not ticks:
-        raise RerunError("no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`")
+        raise NoDiveError(
+            "no raw ticks in it: they are recorded with `holdfast run --set telemetry.raw=true`"
+        )
     numbers = sorted(ticks)
     if numbers[0] != 1:
         notes.append(

@@ -27,7 +27,7 @@ STILL = ("current.enabled=false",)
 def fitted(manoeuvre, config):
     """Return the table of a manoeuvre, and what is found in it."""
     frame = config.vehicle.frame
-    table = manoeuvre.samples.table("the manoeuvre", frame)
+    table = manoeuvre.streams.table("the manoeuvre", frame)
     return table, fit([Track(table, frame)], vehicle_of(config), excited=manoeuvre.moved)
 
 

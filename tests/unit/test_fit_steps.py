@@ -8,7 +8,7 @@ from companion.core.allocation import T200_N, T200_PWM_US
 from companion.identify.fit import fit
 from companion.identify.manoeuvre import EXCITATIONS, pushing, sweeping
 from companion.identify.model import DELAY, LAG, LINEAR, MASS, QUADRATIC, START, Track, parameters
-from companion.identify.samples import Sample, Streams
+from companion.identify.samples import Streams
 from companion.records import Z
 
 TICK_S, STEP_S = 0.02, 0.0005
@@ -21,8 +21,7 @@ def found():
     """What is found of a vehicle in heave that was followed in steps of half a millisecond, without noise."""
     kind, ticks = EXCITATIONS[Z], round(EXCITATIONS[Z].lasts_s / TICK_S)
     asked = [0.3 * pushing(i * TICK_S, kind) + 0.15 * sweeping(i * TICK_S, kind) for i in range(ticks)]
-    samples = Streams()
-    samples.sticks = [Sample(i * TICK_S, (0.0, 0.0, u, 0.0, 0.0, 0.0)) for i, u in enumerate(asked)]
+    sticks = [(i * TICK_S, 0.0, 0.0, u, 0.0, 0.0, 0.0) for i, u in enumerate(asked)]
     t_s = np.arange(0.0, kind.lasts_s, STEP_S)
     late = np.searchsorted(TICK_S * np.arange(ticks), t_s - TRUE[DELAY] + 1e-9, "right") - 1
     static = 4.0 * np.interp(
@@ -35,10 +34,10 @@ def found():
         motion.append(v)
     stamps_s = np.arange(0.0071, kind.lasts_s, TICK_S)
     rates = np.interp(stamps_s, t_s + STEP_S, motion)
-    samples.attitude = [Sample(at_s, (0.0, 0.0, 0.0)) for at_s in stamps_s.tolist()]
-    samples.down = [Sample(*pair) for pair in zip(stamps_s.tolist(), rates[:, None].tolist(), strict=True)]
+    attitude = [(at_s, 0.0, 0.0, 0.0) for at_s in stamps_s.tolist()]
+    streams = Streams(sticks=sticks, attitude=attitude, down=np.column_stack((stamps_s, rates)))
     base = vehicle_of(load_config())
-    return fit([Track(samples.table("", base.vehicle.frame), base.vehicle.frame)], base, excited=[Z]).theta
+    return fit([Track(streams.table("", base.vehicle.frame), base.vehicle.frame)], base, excited=[Z]).theta
 
 
 @pytest.mark.parametrize("name", [HEAVE_MASS, HEAVE_LINEAR, HEAVE_QUADRATIC])
@@ -52,11 +51,10 @@ def test_times_are_found_within_a_millisecond(found, name):
 
 
 def test_a_motor_starts_late_stops_at_once_and_ignores_a_brief_reversal():
-    samples = Streams()
     asked = [(0.0, 0.0), (1.0, 0.5), (2.0, 0.0), (3.0, 0.5), (4.0, -0.5), (4.1, 0.5), (5.0, -0.5), (6.0, 0.0)]
-    samples.sticks = [Sample(t_s, (0.0, 0.0, heave, 0.0, 0.0, 0.0)) for t_s, heave in [*asked, (7.0, 0.0)]]
-    samples.depth = [Sample(0.5 * i, (1.0,)) for i in range(14)]
-    track = Track(samples.table("", "vectored_6dof"), "vectored_6dof")
+    sticks = [(t_s, 0.0, 0.0, heave, 0.0, 0.0, 0.0) for t_s, heave in [*asked, (7.0, 0.0)]]
+    streams = Streams(sticks=sticks, depth=[(0.5 * i, 1.0) for i in range(14)])
+    track = Track(streams.table("", "vectored_6dof"), "vectored_6dof")
     theta = parameters(load_vehicle(PRESETS / "heavy.toml"))
     theta[[LAG, START, DELAY]] = 1e-3, 0.2, 0.0
     heave_n = track.wrench(theta)[:, Z]

@@ -2,32 +2,21 @@
 
 import numpy as np
 import pytest
+from builders import plan
 from matplotlib.figure import Figure
 
-from companion.telemetry.schemas import Plan
-from lab.report.log import Columns, Log, StateSpan
+from lab.report.log import Log, StateSpan
 from lab.report.plot import draw_map
 
-AT_S = np.array([0.0, 1.0, 2.0, 60.0, 61.0])
+AT_S = (0.0, 1.0, 2.0, 60.0, 61.0)
 
 
 def _log(fence_m: float) -> Log:
-    state = dict.fromkeys(("x_m", "y_m", "x_desired_m", "y_desired_m"), np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
-    plan = Plan(
-        t_s=0.0,
-        boot_s=0.0,
-        number=1,
-        name="line",
-        x_m=(0.0, 4.0),
-        y_m=(0.0, 4.0),
-        depth_m=(1.0, 1.0),
-        fenced=True,
-        fence_north_m=(-fence_m, fence_m),
-        fence_east_m=(-fence_m, fence_m),
-        fence_depth_m=(0.0, 9.0),
-    )
+    names = ("at_s", "x_m", "y_m", "x_desired_m", "y_desired_m")
+    state = np.array([(t_s, i, i, i, i) for i, t_s in enumerate(AT_S)], [(name, float) for name in names])
+    one = plan(x_m=(0.0, 4.0), fence_north_m=(-fence_m, fence_m), fence_east_m=(-fence_m, fence_m))
     spans = [StateSpan("ACTIVE", 1.0, 61.5, "engaged", ())]
-    return Log("kelp", 0, 61.0, {"state": Columns(AT_S, state)}, spans, [], [plan], 0, {}, [])
+    return Log("kelp", 0, {"state": state}, spans, [], [one], 0, {}, [])
 
 
 @pytest.mark.parametrize(("fence_m", "fenced"), [(5.0, True), (50.0, False)])

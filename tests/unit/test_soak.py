@@ -5,52 +5,40 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from builders import RECORDING
+from msgspec.structs import replace
 
-from companion.telemetry import schemas as telemetry
 from lab import commands
 from lab.operations import soak
-from lab.operations.soak import ChildError, Minute, SoakLog, figures
+from lab.operations.soak import ChildError, Minute, SoakLog
 
 
 def _minute(number: int) -> Minute:
-    return Minute(60.0 * number, {"run": 50_000.0 + 40.0 * number}, [0.1] * 99 + [float(number)])
-
-
-def _recorder(lost: int) -> telemetry.Recorder:
-    return telemetry.Recorder(
-        t_s=1.0,
-        boot_s=1.0,
-        recording=True,
-        file="",
-        size_bytes=0,
-        messages=9,
-        dropped=0,
-        free_bytes=0,
-        said="",
-        lost=lost,
-    )
+    return Minute(60.0 * number, {"run": 50_000.0 + 40.0 * number})
 
 
 def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
-    found = figures(SoakLog(recorder=_recorder(0)), [_minute(number) for number in range(1, 31)])
+    minutes = [_minute(number) for number in range(1, 31)]
+    found = SoakLog([0.1] * 99 + [30.0], recorder=RECORDING, minutes=minutes).figures()
     assert found["run_memory_mb"] == 50.0
     assert found["run_slope_kb_h"] == pytest.approx(2_400.0)
     assert (found["lateness_p50_ms"], found["lateness_max_ms"]) == (0.1, 30.0)
-    assert (found["records"], found["records_lost"]) == (9, 0)
+    assert (found["records"], found["records_lost"]) == (2, 0)
 
 
 @pytest.mark.parametrize(("lost", "dies", "status"), [(0, False, 0), (3, False, 1), (0, True, 1)])
 def test_a_lost_record_or_a_dead_process_ends_with_1(
     lost: int, dies: bool, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def minutes(seconds: float, logs: Path, heard: SoakLog) -> Iterator[Minute]:
-        assert seconds == 60.0
-        heard.recorder = _recorder(lost)
-        yield _minute(1)
+    def soaked(minutes: int, logs: Path, heard: SoakLog) -> Iterator[None]:
+        assert minutes == 1
+        heard.recorder, heard.lateness_ms = replace(RECORDING, lost=lost), [1.0]
+        heard.minutes.append(_minute(1))
+        yield
         if dies:
             raise ChildError("`holdfast sim` ended with status 1")
 
-    monkeypatch.setattr(soak, "_minutes", minutes)
+    monkeypatch.setattr(soak, "soaked", soaked)
     command = ["soak", "--minutes", "1", "--out", str(tmp_path)]
     assert commands.bench(command) == status
     written = json.loads((tmp_path / "soak.json").read_text(encoding="utf-8"))["soak"][0]
