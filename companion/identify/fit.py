@@ -134,9 +134,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
     found = model.searched(thinned, moving, starts, (shared, own), (least, most))
     theta, numbers = found.theta, [*shared, *own]
-    covariance, sigma = np.zeros((model.LEAST.size, model.LEAST.size)), np.full(model.LEAST.size, np.nan)
-    covariance[np.ix_(numbers, numbers)] = _covariance(found, thinned, len(numbers))
-    sigma[numbers] = np.sqrt(np.diag(covariance)[numbers])
+    covariance = _covariance(found, thinned, numbers)
     bound = (theta <= least + 1e-4) | (theta >= most - 1e-4)
     velocities = np.concatenate([track.table.velocity[:, model.BODY] for track in tracks])
     speeds = np.sqrt(np.nansum(velocities**2, axis=0) / np.maximum(np.isfinite(velocities).sum(axis=0), 1))
@@ -144,7 +142,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     return Fit(
         tables=tuple(track.table.name for track in tracks),
         thetas=theta,
-        sigma=sigma,
+        sigma=np.where(np.isin(np.arange(len(least)), numbers), np.sqrt(np.diag(covariance)), np.nan),
         covariance=covariance,
         at_bound=tuple(i for i in numbers if bound[:, i].any()),
         axes=tuple(axes.tolist()),
@@ -156,16 +154,18 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     )
 
 
-def _covariance(found: Found, tracks: Sequence[Track], count: int) -> Array:
-    """Return the covariance of the first `count` parameters: the shared ones and the first table's own."""
+def _covariance(found: Found, tracks: Sequence[Track], numbers: Sequence[int]) -> Array:
+    """Return the covariance of all parameters; `numbers` are the fitted ones, in the order of `found`."""
     covariances = list[Array]()
     for block_s in BLOCKS_S:
         blocks = [1e6 * k + track.table.t_s[track.first] // block_s for k, track in enumerate(tracks)]
         if not covariances or sum(np.unique(block).size for block in blocks) >= MIN_BLOCKS:
-            covariances.append(jackknife(found, blocks)[:count, :count])
+            covariances.append(jackknife(found, blocks)[: len(numbers), : len(numbers)])
     variances = np.array([np.diag(covariance) for covariance in covariances])
     larger = np.sqrt(variances.max(axis=0) / np.maximum(variances[0], 1e-300))
-    return np.asarray(covariances[0] * np.outer(larger, larger))
+    every = np.zeros((model.LEAST.size, model.LEAST.size))
+    every[np.ix_(numbers, numbers)] = covariances[0] * np.outer(larger, larger)
+    return every
 
 
 def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import pytest
 
 from lab.commands import paper
-from lab.paper.results import EXACT, LAW, NETWORK, checks, middle
+from lab.paper.results import EXACT, LAW, checks, middle
 from lab.paper.simulation import (
     COMPENSATORS,
     DISTURBANCES,
@@ -44,25 +44,6 @@ def test_every_combination_is_there_once(results):
 
 def test_every_check_holds(results):
     assert [check.text for check in checks(results) if not check.held] == []
-
-
-@pytest.mark.parametrize(
-    ("figure", "case", "factor", "text"),
-    [
-        ("rms_mm", NETWORK, 1.5, "smaller error"),
-        ("orbit_mm", NETWORK, 1.5, "smaller orbit"),
-        ("peak_rate_mm_s", NETWORK, 0.8, "larger overshoot"),
-        ("rms_mm", replace(LAW, law="printed"), 1.05, "as printed"),
-    ],
-)
-def test_a_result_that_differs_fails_its_check(results, figure, case, factor, text):
-    spoiled = dict(results)
-    for seed in range(10):
-        one = replace(case, seed=seed)
-        spoiled[one] = replace(results[one], **{figure: factor * getattr(results[one], figure)})
-    assert any(
-        check.text.startswith(text) or text in check.text for check in checks(spoiled) if not check.held
-    )
 
 
 def test_the_printed_form_is_worse_in_every_water(results):
