@@ -160,7 +160,7 @@ def identify(argv: list[str]) -> int:
 
 def rerun(argv: list[str]) -> int:
     """Run a recorded dive through the present code and compare its commands."""
-    from lab.rerun.command import main
+    from lab.rerun.rerun import main
 
     return main(argv)
 

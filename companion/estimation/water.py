@@ -17,10 +17,7 @@ from companion.core.positioning import Model, coriolis_and_damping, jacobian, to
 from companion.records import PSI, Current, Vector
 
 MEAN_S = 5.0
-"""Longer than a wave: its water goes to and fro."""
-
-TAKES_S = 5.0
-"""So long it takes until there is a mean."""
+"""Longer than a wave, whose water goes to and fro; so long it takes until there is a mean."""
 
 KEPT_S = 10.0
 """A current that was not measured for longer is unknown."""
@@ -92,7 +89,7 @@ class Water:
         return self._current()
 
     def _current(self) -> Current:
-        if self._seen_s < TAKES_S:
+        if self._seen_s < MEAN_S:
             return UNKNOWN
         north, east, spread, doubt = self._mean
         return Current(north, east, math.sqrt(doubt + spread * CORRELATED_S / (2.0 * MEAN_S)))

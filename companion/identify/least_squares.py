@@ -68,16 +68,10 @@ def least_squares(
     bounds_at: Callable[[Array], Bounds],
     pull: Array | None = None,
 ) -> Found:
-    """Search from `theta` on.
+    """Search from `theta` on, where all parts begin; what is not `free` (shared, and each part's own) stays.
 
-    Args:
-        parts: each gives its residuals at its parameters.
-        theta: where all begin; what is not `free` stays.
-        free: numbers of the parameters that are looked for: shared ones, and each part's own.
-        steps: small changes of each, for the slope.
-        bounds_at: gives the least and the largest parameters of a round that begins at these (parts, n).
-        pull: by parameter, how much of a residual a part has for each unit that it is away from zero.
-
+    `steps` are small changes for the slope, `bounds_at` gives the least and the largest parameters of a round
+    that begins at these (parts, n), `pull` how much of a residual a part has for each unit away from zero.
     """
     columns = [([*range(len(parts))], i) for i in free[0]]
     columns += [([k], i) for k in range(len(parts)) for i in free[1]]

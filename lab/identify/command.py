@@ -68,15 +68,14 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
     if arguments.json:
         sys.stdout.write(json.dumps(scores) + "\n")
         return 0
-    lines = [line for table in tables for line in held(table)]
-    lines += [f"{QUALITY}:", f"{'log':40}{'ahead':>6}", ""]
-    lines[-2] += "".join(f"{name:>9}" for name in (*AXES, "windows"))
+    rows: list[tuple[str, ...]] = [("log", "ahead", *AXES, "windows")]
     for name, by_horizon in scores.items():
         for horizon, row in by_horizon.items():
-            cells = ["-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES]
-            numbers = "".join(f"{cell:>9}" for cell in (*cells, row["windows"]))
-            lines.insert(-1, f"{name:40}{horizon:>4} s{numbers}")
-    sys.stdout.write("\n".join(lines))
+            shares = ("-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES)
+            rows.append((name, f"{horizon} s", *shares, str(row["windows"])))
+    lines = [*(line for table in tables for line in held(table)), f"{QUALITY}:"]
+    lines += [f"{name:40}{ahead:>6}{''.join(f'{cell:>9}' for cell in cells)}" for name, ahead, *cells in rows]
+    sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
 

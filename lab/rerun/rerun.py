@@ -1,4 +1,4 @@
-"""A recorded dive's datagrams through today's engine, and its commands beside the dive's.
+"""`holdfast lab rerun`: a recorded dive's datagrams through today's engine, its commands beside the dive's.
 
 What came and went is taken from the raw ticks (`telemetry.raw = true`), the configuration from the first of
 them. The vehicle's answers stay those of the dive: where the commands differ, it is what today's code would
@@ -6,8 +6,9 @@ have sent at that moment, not where the vehicle would have gone.
 """
 
 import math
+import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -22,13 +23,24 @@ from companion.engine import Engine
 from companion.guidance.orders import ordering
 from companion.identify.samples import NoDiveError
 from companion.mavlink.signing import Signing
-from companion.records import Array, LoopHealth, Request, Setpoint, vector
+from companion.records import AXES, Array, LoopHealth, Request, Setpoint, vector
 from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
+from holdfast.arguments import command_parser, removed_option
+from holdfast.gate import bounded
 from lab.identify.readers import kind_of
+from lab.options import add_settings
 
+EXAMPLES = """\
+examples:
+  holdfast run --set telemetry.raw=true          together with `holdfast record`: then the dive can be rerun
+  holdfast lab rerun dives/kelp-*.mcap               the files of one dive, in any order
+  holdfast lab rerun FILE --set heave.kappa_per_s=8  the commands that other gains would have given
+
+Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be rerun.
+"""
 OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HEADER = 10
@@ -187,3 +199,63 @@ def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
     ]
     notes += [f"{name} is newer than the dive: today's shipped value was used" for name in newer if recorded]
     return overrides
+
+
+def main(argv: list[str]) -> int:
+    """Run the command."""
+    parser = command_parser(
+        "lab rerun",
+        "Runs a recorded dive through the present code: the same datagrams, configuration, requests and "
+        "retunes. It compares the bytes that the engine sends with the recorded ones.",
+        EXAMPLES,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files of one dive, MCAP")
+    add_settings(parser)
+    removed_option(parser, "--out", "the table says when and by how much the commands differ")
+    removed_option(parser, "--config", "--set KEY=VALUE changes a key of the recorded configuration")
+    options = parser.parse_args(argv)
+    tape, outcome = bounded(again, options.files, options.files, options.set)
+    sys.stdout.write("\n".join(lines(tape, outcome, changed=bool(options.set))) + "\n")
+    return 1 if outcome.different else 0
+
+
+def again(files: Sequence[Path], overrides: Sequence[str]) -> tuple[Tape, Outcome]:
+    """Read a dive and run it again, its retunes only where nothing else changes the configuration."""
+    tape = load(files)
+    return tape, rerun(tape, configured(tape, overrides), follow=not overrides)
+
+
+def lines(tape: Tape, outcome: Outcome, *, changed: bool) -> Iterator[str]:
+    """Give what came of it in lines; `changed`: the configuration is not the recorded one."""
+    count, different = len(tape.ticks), outcome.different
+    asked = sum(len(raw.requests) for raw in tape.ticks)
+    aimed = sum(raw.setpoint is not None for raw in tape.ticks)
+    retuned = sum(raw.config is not None for raw in tape.ticks)
+    dived_s = outcome.t_s[-1] - outcome.t_s[0]
+    yield (
+        f"{count} ticks, {dived_s:.1f} s of diving, "
+        f"at {dived_s / outcome.wall_s:.0f} times real time; "
+        f"{asked} requests, {aimed} setpoints and {retuned} retunes by the operator"
+    )
+    yield from (f"note: {note}" for note in tape.notes)
+    if changed and retuned:
+        yield f"note: {retuned} retunes of the dive were left out, for the configuration is another"
+    if not different:
+        yield "every byte sent is the same"
+        return
+    first = next(raw for raw in tape.ticks if raw.tick == different[0])
+    yield (
+        f"{len(different)} ticks ({len(different) / count:.1%}) sent other bytes, the first is tick "
+        f"{first.tick}, {first.now_s - tape.ticks[0].now_s:.2f} s into it"
+    )
+    steered = np.isfinite(outcome.was[:, 0]), np.isfinite(outcome.now[:, 0])
+    if (only := int(np.sum(steered[0] != steered[1]))) > 0:
+        yield f"in {only} ticks only one of the two steered"
+    yield f"{'command':8}{'ticks':>8}{'RMS':>10}{'largest':>10}{'at, s':>10}   of full"
+    for axis, difference in zip(AXES, (outcome.now - outcome.was).T, strict=True):
+        apart = np.abs(np.nan_to_num(difference))
+        known = apart[np.isfinite(difference)]
+        rms = math.sqrt(float(np.mean(known**2))) if known.size else 0.0
+        largest = int(apart.argmax())
+        at_s = outcome.t_s[largest] - outcome.t_s[0]
+        yield f"{axis:8}{np.count_nonzero(known):8d}{rms:10.2%}{apart[largest]:10.2%}{at_s:10.1f}"

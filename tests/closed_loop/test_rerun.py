@@ -18,8 +18,7 @@ from companion.telemetry.commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import readable
 from lab.loop.lockstep import LinkDelay, Lockstep
-from lab.rerun.command import main
-from lab.rerun.rerun import HEARTBEAT, configured, load, rerun
+from lab.rerun.rerun import HEARTBEAT, configured, load, main, rerun
 from sim_bridge.config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 

@@ -6,7 +6,7 @@ import pytest
 
 from companion.core.observers import Motion
 from companion.core.positioning import Model, jacobian, to_inertial
-from companion.estimation.water import KEPT_S, TAKES_S, Water
+from companion.estimation.water import KEPT_S, MEAN_S, Water
 
 MODEL = Model((20.0, 20.0, 32.0, 0.6), (13.7, 0.0, 33.0, 0.1), (141.0, 217.0, 190.0, 1.5))
 DT_S = 0.02
@@ -43,7 +43,7 @@ def test_the_current_is_what_explains_the_drag(psi, v):
 
 def test_it_is_unknown_until_there_is_a_mean_and_after_a_while_without_one():
     water = Water()
-    assert math.isnan(flowing(water, seconds=TAKES_S - 0.5).north_mps)
+    assert math.isnan(flowing(water, seconds=MEAN_S - 0.5).north_mps)
     assert math.isfinite(flowing(water, seconds=1.0).north_mps)
     assert math.isfinite(flowing(water, seconds=KEPT_S - 1.0, seen=False).north_mps)
     assert math.isnan(flowing(water, seconds=2.0, seen=False).north_mps)
