@@ -2,18 +2,15 @@
 
 usage: sudo .venv/bin/python -m tests.tools.images [--base IMAGE] [armhf] [arm64] [amd64]
 
-Needs the wheel in dist/ (`make wheel`), buildah, and for a foreign architecture qemu-user-static. Without
---base, debootstrap makes a Debian 13 from the mirror of this machine's apt, and the next run takes it again.
-The line "here" is this checkout without an image; depth and tick are of virtual time. Exit status 1: an image
-is too large, does not hold, or its `holdfast run` does not tick.
+Needs the wheel in dist/ (`make wheel`), buildah, and for a foreign architecture qemu-user-static. The line
+"here" is this checkout without an image; depth and tick are of virtual time. Exit status 1: an image is too
+large, does not hold, or its `holdfast run` does not tick.
 """
 
 import argparse
-import shutil
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,10 +25,6 @@ from lab.ports import free_port
 
 PLATFORMS = {"armhf": "linux/arm/v7", "arm64": "linux/arm64", "amd64": "linux/amd64"}
 QEMU = {"armhf": "qemu-arm", "arm64": "qemu-aarch64"}
-SUITE = "trixie"
-UNREAD = ("usr/share/doc", "usr/share/info", "usr/share/locale", "usr/share/man")
-UNUSED = (*UNREAD, "var/cache/apt", "var/lib/apt/lists")
-"""Of a base: what Debian's slim images leave out."""
 CERTIFICATES = "/usr/local/share/ca-certificates"
 """Certificates of this machine's owner, for pip while an image is built."""
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
@@ -67,7 +60,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--base", metavar="IMAGE", help="of a registry, such as debian:trixie-slim")
+    parser.add_argument("--base", metavar="IMAGE", default="docker.io/library/debian:trixie-slim")
     parser.add_argument("architectures", nargs="*", metavar="ARCH", help="default: all three")
     options = parser.parse_args(argv)
     names = options.architectures or list(PLATFORMS)
@@ -78,7 +71,7 @@ def main(argv: list[str]) -> int:
     show("here", None, dive(HERE))
     for name in names:
         emulate(name)
-        image = build(name, options.base or debian(name))
+        image = build(name, options.base)
         with container(name, image) as (root, installed):
             size_mb, dived = size(root), dive(installed)
             show(name, size_mb, dived)
@@ -109,44 +102,6 @@ def emulate(name: str) -> None:
     if not (BINFMT / "register").exists():
         call("mount", "-t", "binfmt_misc", "binfmt_misc", str(BINFMT))
     (BINFMT / "register").write_text(Path(f"/usr/lib/binfmt.d/{QEMU[name]}.conf").read_text())
-
-
-def debian(name: str) -> str:
-    """Return the base image that debootstrap makes; one that is there is taken again."""
-    image = f"localhost/holdfast-debian:{name}"
-    if subprocess.run(["buildah", "inspect", "--type", "image", image], capture_output=True).returncode == 0:
-        return image
-    mirrors = call(
-        "apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", "Origin: Debian"
-    )
-    with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
-        root = Path(folder) / name
-        call("debootstrap", "--variant=minbase", f"--arch={name}", SUITE, str(root), mirrors.split()[0])
-        return from_folder(root, name, image)
-
-
-def from_folder(root: Path, name: str, image: str) -> str:
-    """Make a base image of a Debian in a folder."""
-    (root / "etc/dpkg/dpkg.cfg.d/slim").write_text(
-        "".join(f"path-exclude /{folder}/*\n" for folder in UNREAD)
-    )
-    (root / "etc/apt/apt.conf.d/slim").write_text('Acquire::Languages "none";\n')
-    for unused in UNUSED:
-        for path in (root / unused).iterdir():
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
-    _, architecture, *variant = PLATFORMS[name].split("/")
-    new = call("buildah", "from", "scratch").strip()
-    call("buildah", "copy", new, str(root), "/")
-    call(
-        "buildah",
-        "config",
-        f"--arch={architecture}",
-        *(f"--variant={word}" for word in variant),
-        "--cmd=sh",
-        new,
-    )
-    call("buildah", "commit", "--rm", new, image)
-    return image
 
 
 def build(name: str, base: str) -> str:

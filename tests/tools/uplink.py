@@ -34,7 +34,6 @@ class Answers(TypedDict):
 
     answered: dict[str, list[str]]
     """By request: which component answered, with which kind, and what tells that from others of its kind."""
-    parameters: list[str]
     rates_hz: dict[str, float]
 
 
@@ -43,7 +42,6 @@ def answers(records: Iterable[tuple[float, Any]]) -> Answers:
     answered: dict[str, set[str]] = {}
     waiting: list[tuple[float, Any]] = []
     unacknowledged: list[Any] = []
-    parameters: set[str] = set()
     rates: Counter[str] = Counter()
     for t_s, message in records:
         kind = message.get_type()
@@ -56,8 +54,6 @@ def answers(records: Iterable[tuple[float, Any]]) -> Answers:
         sender = message.get_srcSystem(), message.get_srcComponent()
         if sender == VEHICLE and STEADY_S[0] <= t_s < STEADY_S[1]:
             rates[kind] += 1
-        if sender == VEHICLE and kind == "PARAM_VALUE" and message.param_index != UNLISTED:
-            parameters.add(message.param_id)
         waiting = [(asked_s, request) for asked_s, request in waiting if t_s - asked_s < ANSWER_S]
         if kind == "COMMAND_ACK":  # of the oldest command of its number
             found = [
@@ -74,7 +70,6 @@ def answers(records: Iterable[tuple[float, Any]]) -> Answers:
     span_s = STEADY_S[1] - STEADY_S[0]
     return {
         "answered": {request: sorted(said) for request, said in sorted(answered.items())},
-        "parameters": sorted(parameters),
         "rates_hz": {kind: round(count / span_s, 1) for kind, count in sorted(rates.items())},
     }
 
