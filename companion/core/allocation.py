@@ -99,6 +99,7 @@ HORIZONTAL = len(_HORIZONTAL)
 YAW = 3
 """Of the six axes the first that turns."""
 NO_MOTOR: Four = (0.0, 0.0, 0.0, 0.0)
+NOTHING: Three = (0.0, 0.0, 0.0)
 PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
 """S; lengths in m from docs/ardusub.md, "Vehicles"."""
 
@@ -272,12 +273,14 @@ def _group_axes(
     X, Y, Z = limited(tau[0], max_tau[0]), limited(tau[1], max_tau[1]), limited(tau[2], max_tau[2])
     wanted = (X / (levers[0] * strength), Y / (levers[1] * strength), Z / (levers[2] * strength))
     everything = _by_motor(group.pushes, wanted)
-    turning = _by_motor(group.pushes, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
-    beyond = max(1.0, *each(_load, turning))
-    turning = (turning[0] / beyond, turning[1] / beyond, turning[2] / beyond, turning[3] / beyond)
+    turning, beyond = NO_MOTOR, 1.0
+    if first != NOTHING:
+        turning = _by_motor(group.pushes, (wanted[0] * first[0], wanted[1] * first[1], wanted[2] * first[2]))
+        beyond = max(1.0, *each(_load, turning))
+        turning = (turning[0] / beyond, turning[1] / beyond, turning[2] / beyond, turning[3] / beyond)
     share = min(1.0 / beyond, *each_of_two(_room, turning, everything))
     a, over = _shared(group, turning, everything, share, reach)
-    if over > 1.0 and first[0] + first[1] + first[2] > 0.0:
+    if over > 1.0 and first != NOTHING:
         low, high = 0.0, share
         for _ in range(HALVINGS):
             share = 0.5 * (low + high)
@@ -371,9 +374,9 @@ def _balanced(group: Group, t: Four, forces: Four) -> Four:
 
 def _missing(demand: float, force: float) -> tuple[float, float]:
     """Return by how much a motor's push falls short of `force` (N), and the demand per newton around it."""
-    more = interpolated(demand + SLOPE_STEP, RISING_PUSH)
-    less = interpolated(demand - SLOPE_STEP, RISING_PUSH)
-    return force - interpolated(demand, RISING_PUSH), 2.0 * SLOPE_STEP / max(more - less, MIN_SLOPE_N)
+    rise = interpolated(demand + SLOPE_STEP, RISING_PUSH) - interpolated(demand - SLOPE_STEP, RISING_PUSH)
+    slope = 2.0 * SLOPE_STEP / (MIN_SLOPE_N if rise < MIN_SLOPE_N else rise)
+    return force - interpolated(demand, RISING_PUSH), slope
 
 
 def _by_motor(rows: tuple[Three, Three, Three, Three], a: Three) -> Four:
@@ -431,15 +434,19 @@ def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:
 def interpolated(x: float, curve: Curve) -> float:
     """Return a curve's value at x; NaN for NaN."""
     points, values, slopes = curve
-    if x <= points[0]:
-        return values[0]
-    if x >= points[LAST]:
-        return values[LAST]
     k = DEAD_BAND
-    while x > points[k + 1]:
+    if x > points[k + 1]:
+        if x >= points[LAST]:
+            return values[LAST]
         k += 1
-    while x < points[k]:
+        while x > points[k + 1]:
+            k += 1
+    elif x < points[k]:
+        if x <= points[0]:
+            return values[0]
         k -= 1
+        while x < points[k]:
+            k -= 1
     return values[k] + slopes[k] * (x - points[k])
 
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from companion.core import reference
 from companion.core.tilt import Force
-from companion.records import Angles
+from companion.records import LEVEL, Angles
 
 MAX_ANGLE_RAD = math.radians(55.0)
 """Of roll and of pitch. Beyond it too little of the thrust is left for depth, place and heading."""
@@ -59,6 +59,8 @@ HELD_LEVEL = Held(reference.start(LIMITS, 0.0, 0.0), reference.start(LIMITS, 0.0
 
 def step(held: Held, wanted: Angles, dt_s: float) -> Held:
     """Move the references toward what is wanted."""
+    if wanted == LEVEL and held == HELD_LEVEL:
+        return held
     return Held(
         reference.step(LIMITS, held.roll, wanted.roll, 0.0, 0.0, 1.0, dt_s),
         reference.step(LIMITS, held.pitch, wanted.pitch, 0.0, 0.0, 1.0, dt_s),

@@ -46,7 +46,7 @@ def mean_thrusts(
     before_s, previous = from_s, 0.0
     for k in range(-1, steps + 1):
         moment_s = since_s + step_s * k if k >= 0 else from_s
-        while i > 0 and commands[i].t_s > moment_s:
+        while k <= 0 and i > 0 and commands[i].t_s > moment_s:
             i -= 1
         while i < last and commands[i + 1].t_s <= moment_s:
             i += 1

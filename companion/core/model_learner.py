@@ -182,7 +182,7 @@ def learnt(
                 used[axis] = vehicle_model.follow(used[axis], found[axis])
     model, now_found, now_used = memory.model, vector(found), vector(used)
     if now_used != schedule.used or used[X] != used[Y] or ticks % REPORT_TICKS == 0:
-        longest_s = longest_lag_s(found[Z]) if adapts else nominal_lag_s
+        longest_s = found[Z].theta.lag_s + vehicle_model.doubt(found[Z])[1] if adapts else nominal_lag_s
         model = _model(now_found, now_used, by_dof(now_used, squares), nominal_lag_s, longest_s)
     return LearnerMemory(
         found=now_found,
@@ -221,22 +221,13 @@ def by_dof(thetas: Four[Theta], squares: tuple[float, float]) -> Four[Theta]:
     return (x, y, heave, yaw)
 
 
-def longest_lag_s(found: Found) -> float:
-    """Return the lag that was found and its standard deviation more, s."""
-    return found.theta.lag_s + vehicle_model.doubt(found)[1]
-
-
 def later_s(used: Theta, nominal_lag_s: float) -> float:
     """Return the delay (s) for which gains are drawn back beside the loop's own."""
     return LAG_COUNTS * (used.lag_s - nominal_lag_s) if used.lag_s > nominal_lag_s else 0.0
 
 
 def _gains(thetas: Four[Theta]) -> Vector:
-    return each(_gain, thetas)
-
-
-def _gain(theta: Theta) -> float:
-    return math.exp(theta.log_gain)
+    return vector([math.exp(theta.log_gain) for theta in thetas])
 
 
 def _model(

@@ -172,11 +172,6 @@ def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_
     )
 
 
-def without_thrust(state: ObserverState, lost: float) -> ObserverState:
-    """Take from thrust and disturbance what was believed to be given, and was not (N; N·m)."""
-    return state._replace(f=state.f - lost, d=state.d - lost)
-
-
 def rates(state: ObserverState, push: Push, gain: float) -> tuple[float, float]:
     """Return q' and v' at the observer's time."""
     return (state.v, (state.f - push.c / gain * state.v - state.d) / (push.m / gain))

@@ -376,7 +376,7 @@ def without_thrust(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
 
 
 def _without_thrust(memory: DofMemory, lost: float) -> DofMemory:
-    state = observer.without_thrust(memory.state, lost)
+    state = memory.state._replace(f=memory.state.f - lost, d=memory.state.d - lost)
     return memory._replace(state=state, mean_d=memory.mean_d - lost)
 
 

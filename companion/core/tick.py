@@ -144,8 +144,7 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     given_ned = to_inertial(jacobian(demand.known.ahead.eta[PSI]), given)
     watch, ticks = memory.watch, memory.watch_ticks
     if parameters.actuation.levels:
-        pushed = levers(parameters.actuation, actuated, tilt.response.adapts)
-        watch, ticks = watched(parameters, watch, ticks, inputs, demand.permission, applied, pushed)
+        watch, ticks = watched(parameters, watch, ticks, actuated, demand, applied)
     return Memory(
         observed=observers.sent(memory.observed, inputs.now_s, given_ned),
         controlled=memory.controlled,
@@ -252,12 +251,12 @@ def watched(
     parameters: Parameters,
     watch: thruster_watch.State,
     ticks: int,
-    inputs: Inputs,
-    permission: Permission,
+    actuated: ActuationMemory,
+    demand: Demand,
     applied: Axes,
-    levers: thruster_watch.Levers,
 ) -> tuple[thruster_watch.State, int]:
     """Look for a motor that gives no thrust, while the vehicle follows us."""
+    permission, inputs = demand.permission, demand.known.inputs
     if permission.trusts_thrusters:
         watch = thruster_watch.START
     if permission.authority != 1.0 or inputs.stale[PSI]:
@@ -270,7 +269,7 @@ def watched(
             applied,
             inputs.voltage_v,
             inputs.attitude,
-            levers,
+            levers(parameters.actuation, actuated, demand.known.tilt.response.adapts),
             inputs.telemetry_s + inputs.command_s,
             WATCH_TICKS * parameters.observers.tick_s,
         )

@@ -162,8 +162,8 @@ def pace(before: float, saturated: bool, dt_s: float) -> float:
     A target that is far away is approached with this rate, which against a current, with a load or on a
     tilted vehicle can be more than it bears. What saturates is slowed: it arrives later and not aslant.
     """
-    slower = before * math.exp(-dt_s / SLOW_DOWN_S)
-    return clamped(slower if saturated else before + dt_s / RECOVER_S, LEAST_PACE, 1.0)
+    now = before * math.exp(-dt_s / SLOW_DOWN_S) if saturated else before + dt_s / RECOVER_S
+    return clamped(now, LEAST_PACE, 1.0)
 
 
 def slowed(pace: float, tilt_share: float) -> float:

@@ -163,7 +163,8 @@ class Echo:
         if self._seen_s < EVIDENCE_S:
             return None
         least, mean = min(misfit), sum(misfit) / len(misfit)
-        matching = [k for k, error in enumerate(misfit) if error < CONTRAST * mean]
+        clear = CONTRAST * mean
+        matching = [k for k, error in enumerate(misfit) if error < clear]
         if not matching or matching[-1] - matching[0] + 1 != len(matching):
             return None
         most = least + PLATEAU * (mean - least)

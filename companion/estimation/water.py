@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from companion.core.observers import Motion
 from companion.core.positioning import Model, coriolis_and_damping, jacobian, to_body, to_inertial
-from companion.records import PSI, Current, Vector
+from companion.records import PSI, Current, Vector, X, Y
 
 MEAN_S = 5.0
 """Longer than a wave, whose water goes to and fro; so long it takes until there is a mean."""
@@ -66,13 +66,13 @@ class Water:
         self._unseen_s = 0.0
         J, eta_dot, disturbance = jacobian(motion.eta[PSI]), motion.eta_dot, motion.disturbance
         nu = to_body(J, eta_dot)
-        x, y, _, _ = (
-            h + g * d for h, g, d in zip(coriolis_and_damping(model, J, nu), gain, disturbance, strict=True)
-        )
+        h_x, h_y, _, _ = coriolis_and_damping(model, J, nu)
+        x, y = h_x + gain[X] * disturbance[X], h_y + gain[Y] * disturbance[Y]
         surge_n, sway_n, _, _ = to_body(J, (x, y, 0.0, 0.0))
         through, doubt = [], 0.0
         for axis, force in enumerate((surge_n, sway_n)):
-            speed, more = (_speed(model, axis, f) for f in (abs(force), abs(force) + TETHER_N))
+            speed = _speed(model, axis, abs(force))
+            more = _speed(model, axis, abs(force) + TETHER_N)
             through.append(math.copysign(speed, force))
             doubt += (more - speed) ** 2 + (DAMPING_SHARE * speed) ** 2
         u, v, _, _ = to_inertial(J, (through[0], through[1], 0.0, 0.0))

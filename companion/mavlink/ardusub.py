@@ -12,6 +12,7 @@ Source: docs/ardusub.md, "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "From axis to
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, Literal, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -89,8 +90,9 @@ def quantise(
     return AxisCommand(surge_d, sway_d, -up_d, yaw_d, roll_d, pitch_d)
 
 
+@lru_cache(maxsize=1)
 def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
-    """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch."""
+    """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch; each command is asked for twice."""
     surge, sway, heave, yaw, roll, pitch = command
     return (
         to_pwm_us(surge),

@@ -83,7 +83,7 @@ class Autopilot:
             t_s = t_ns / NS_PER_S
             for message in self._codec.decode(t_s, data):
                 self._maintenance.heard(message.MESSAGE_ID)
-                events += self._freshness.drop_stale(self._decoder.to_events(message, t_s))
+                events += self._decoder.to_events(message, t_s)
             events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
         others: list[Event] = []
         pilots: list[Event] = []
@@ -95,7 +95,7 @@ class Autopilot:
                 pilots += pilot_events(frame, t_s, self.origin)
             elif self._codec.is_others(t_s, frame, data):
                 others.append(OtherHoldfast(t_s, frame.id in STEERING))
-        return [*events, *others, *pilots]
+        return [*self._freshness.drop_stale(events), *others, *pilots]
 
     def upkeep(
         self,
@@ -167,10 +167,10 @@ class Autopilot:
 
     def reach(self, pilot_gain: float, share: float) -> AxisCommand:
         """Return a share of the largest demand that the path can carry on each axis."""
-        reach = AxisCommand(1.0, 1.0, 1.0, 1.0)
-        if self._path != "rc_override":
-            reach = manual_control_reach(pilot_gain, self._throttle_gain)
-        return AxisCommand(*(share * axis for axis in reach._replace(roll=1.0, pitch=1.0)))
+        if self._path == "rc_override":
+            return AxisCommand(share, share, share, share, share, share)
+        surge, sway, heave, yaw, _, _ = manual_control_reach(pilot_gain, self._throttle_gain)
+        return AxisCommand(share * surge, share * sway, share * heave, share * yaw, share, share)
 
     @property
     def origin(self) -> GlobalOrigin | None:

@@ -1,7 +1,6 @@
 """Bytes to MAVLink 2 messages and back, without I/O."""
 
 import math
-import struct
 from collections import deque
 from collections.abc import Container
 from typing import Final
@@ -10,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
 from companion.mavlink.encode import MARKS, clock_mark
-from companion.mavlink.frames import MARKER, SIGNED, Splitter, WireFrame, leading_frames
+from companion.mavlink.frames import HEADER, MARKER, SIGNED, Splitter, WireFrame, leading_frames
 from companion.mavlink.heard import OLD, OTHER_KEY, UNSIGNED, Overheard
 from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, pack
 from companion.mavlink.signing import Signing
@@ -19,9 +18,6 @@ from companion.records import LinkCounters, Sender
 STEERING: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 )
-_HEADER: Final = struct.Struct("<BBBBBBBHB")
-"""Marker, payload's bytes, flags, flags, sequence number, system, component, 16 and 8 bits of message id."""
-
 
 ECHO_S: Final = 2.0
 """So long after a frame was sent a router may bring it back."""
@@ -76,7 +72,7 @@ class Packer:
         payload, message_id = pack(message), message.MESSAGE_ID
         flags = 0 if self._signing is None else SIGNED
         low, high = message_id & 0xFFFF, message_id >> 16
-        header = _HEADER.pack(MARKER, len(payload), flags, 0, self._sequence, *self._sender, low, high)
+        header = HEADER.pack(MARKER, len(payload), flags, 0, self._sequence, *self._sender, low, high)
         self._sequence = (self._sequence + 1) & 0xFF
         frame = header + payload
         frame += checksum(frame[1:], message_id).to_bytes(CHECKSUM_BYTES, "little")

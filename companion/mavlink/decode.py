@@ -4,7 +4,8 @@ Source: docs/ardusub.md, "Telemetry", "Modes and arming", "MANUAL_CONTROL".
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Final
 
@@ -56,6 +57,7 @@ LEAK_TEXT: Final = "leak detected"
 """ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
 MAX_CHUNKS: Final = 8
+SERVOS: Final = attrgetter(*(f"servo{motor}_raw" for motor in range(1, 9)))
 
 
 class ImplausibleError(Exception):
@@ -132,7 +134,7 @@ class Decoder:
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
-        self._handlers: dict[int, Callable[[Message, float], Iterator[Event]]] = {
+        self._handlers: dict[int, Callable[[Message, float], Iterable[Event]]] = {
             message_id: handler
             for message_id, kind in mavlink.mavlink_map.items()
             if (handler := getattr(self, f"_{kind.msgname.lower()}", None))
@@ -153,11 +155,11 @@ class Decoder:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         yield records.Heartbeat(t_s, armed, m.custom_mode, m.system_status, m.type, m.autopilot)
 
-    def _attitude(self, m: Message, t_s: float) -> Iterator[Event]:
+    def _attitude(self, m: Message, t_s: float) -> Iterable[Event]:
         angles, rates = (m.roll, m.pitch, m.yaw), (m.rollspeed, m.pitchspeed, m.yawspeed)
         _refuse_beyond(MAX_ANGLE_RAD, *angles)
         _refuse_beyond(MAX_RATE_RADPS, *rates)
-        yield records.Attitude(t_s, self._clock.from_ms(m.time_boot_ms), *angles, *rates)
+        return (records.Attitude(t_s, self._clock.from_ms(m.time_boot_ms), *angles, *rates),)
 
     def _global_position_int(self, m: Message, t_s: float) -> Iterator[Event]:
         """Give the depth, if it is sane, and whether the EKF knows its origin, where that changes."""
@@ -172,9 +174,9 @@ class Decoder:
             self._origin_known = known
             yield records.EkfOrigin(t_s, known)
 
-    def _vfr_hud(self, m: Message, t_s: float) -> Iterator[Event]:
+    def _vfr_hud(self, m: Message, t_s: float) -> Iterable[Event]:
         _refuse_beyond(MAX_SPEED_MPS, m.climb)
-        yield records.DepthRate(t_s, None, -m.climb)
+        return (records.DepthRate(t_s, None, -m.climb),)
 
     def _scaled_pressure(self, m: Message, t_s: float) -> Iterator[Event]:
         """Drop the repeats of a reading: the sensor is slower than its stream."""
@@ -201,10 +203,10 @@ class Decoder:
 
     _scaled_pressure2 = _scaled_pressure3 = _scaled_pressure
 
-    def _local_position_ned(self, m: Message, t_s: float) -> Iterator[Event]:
+    def _local_position_ned(self, m: Message, t_s: float) -> Iterable[Event]:
         _refuse_beyond(MAX_DISTANCE_M, m.x, m.y)
         _refuse_beyond(MAX_SPEED_MPS, m.vx, m.vy)
-        yield records.Position(t_s, self._clock.from_ms(m.time_boot_ms), m.x, m.y, m.vx, m.vy)
+        return (records.Position(t_s, self._clock.from_ms(m.time_boot_ms), m.x, m.y, m.vx, m.vy),)
 
     def _distance_sensor(self, m: Message, t_s: float) -> Iterator[Event]:
         """Take the sensors that look down; leave out what has too weak a signal or is beyond their limits.
@@ -228,7 +230,7 @@ class Decoder:
         now_s = self._clock.last_s
         if m.port != 0 or now_s is None:
             return
-        pulses_us = [getattr(m, f"servo{motor}_raw") for motor in range(1, 9)]
+        pulses_us = SERVOS(m)
         boot_s = self._clock.from_us(m.time_usec)
         if max(pulses_us) > MAX_PWM_US or abs(boot_s - now_s) > MAX_STAMP_SPREAD_S:
             raise ImplausibleError

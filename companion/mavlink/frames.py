@@ -6,6 +6,7 @@ one byte.
 """
 
 import re
+import struct
 from collections.abc import Iterator
 from typing import Final
 
@@ -16,6 +17,8 @@ from companion.mavlink.messages import CHECKSUM_BYTES, Message, checksum, is_kno
 V1_MARKER: Final = 0xFE
 MARKER: Final = 0xFD
 SIGNED: Final = 0x01
+HEADER: Final = struct.Struct("<BBBBBBBHB")
+"""Marker, payload's bytes, flags, flags, sequence number, system, component, 16 and 8 bits of message id."""
 V1_HEADER_BYTES: Final = 6
 HEADER_BYTES: Final = 10
 SIGNATURE_BYTES: Final = 13
@@ -50,12 +53,11 @@ def frame_at(data: bytes, at: int) -> tuple[int, WireFrame | None]:
         size = HEADER_BYTES + CHECKSUM_BYTES
         if remaining < HEADER_BYTES:
             return size, None
-        flags = data[at + 2]
+        _, payload_bytes, flags, _, _, system, component, low, high = HEADER.unpack_from(data, at)
         if flags & ~SIGNED:
             return 0, None
-        size += data[at + 1] + (SIGNATURE_BYTES if flags else 0)
-        version, start, system, component = 2, at + HEADER_BYTES, data[at + 5], data[at + 6]
-        message_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+        size += payload_bytes + (SIGNATURE_BYTES if flags else 0)
+        version, start, message_id = 2, at + HEADER_BYTES, low | high << 16
     elif data[at] == V1_MARKER:
         size = V1_HEADER_BYTES + CHECKSUM_BYTES
         if remaining < V1_HEADER_BYTES:

@@ -24,6 +24,7 @@ SLOW_SHARE: Final = 0.7
 """A stream that comes at less than this share of its rate has slowed down."""
 
 AGAIN_S: Final = (1.0, 8.0)
+ROUNDING_S: Final = 1e-6
 REFUSAL: Final = re.compile(r"No ap_message for mavlink id \((\d+)\)")
 """The firmware's text about a message that it does not stream; its COMMAND_ACK names no message."""
 
@@ -91,7 +92,7 @@ class StreamRates:
     def restart(self) -> None:
         """Ask for everything again: first contact, or a rebooted autopilot."""
         self._streams = {key: _Stream(rate_hz) for key, rate_hz in self._rates_hz.items()}
-        self._ask_s = -math.inf
+        self._ask_s = self._closes_s = -math.inf
 
     def read_refusal(self, text: str) -> None:
         """Read a text of the autopilot: a message that it refused is not requested again until `restart`."""
@@ -108,11 +109,16 @@ class StreamRates:
         everything = now_s >= self._ask_s
         if everything:
             self._ask_s = now_s + ASK_S
-        return {
+        elif now_s < self._closes_s:
+            return {}
+        due = {
             key: stream.rate_hz
             for key, stream in self._streams.items()
             if stream.has_slowed(now_s, may_be_silent=key in MAY_BE_SILENT) or everything
         }
+        ends_s = (stream.since_s + stream.window_s for stream in self._streams.values())
+        self._closes_s = min(ends_s, default=math.inf) - ROUNDING_S
+        return due
 
     @property
     def measured_hz(self) -> dict[int, float]:

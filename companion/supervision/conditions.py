@@ -69,9 +69,10 @@ def _link_lost(now: Situation, limits: SupervisorLimits) -> bool:
         return True
     # Depth and attitude time out sooner; where nothing else came meanwhile either, the link is the cause. A
     # hand-over needs neither of them, and goes on for the link's own timeout.
-    blind = _depth_stale(now, limits) or _attitude_stale(now, limits)
     silent_s = 0.5 * min(limits.depth_timeout_s, limits.attitude_timeout_s)
-    return blind and now.hand_over is HandOverStep.NONE and not ages.link_s <= silent_s
+    if ages.link_s <= silent_s or now.hand_over is not HandOverStep.NONE:
+        return False
+    return _depth_stale(now, limits) or _attitude_stale(now, limits)
 
 
 def _position_stale(now: Situation, limits: SupervisorLimits) -> bool:

@@ -83,6 +83,8 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     """What the conditions test: the observation, and what the supervision knows beside it."""
 
     observed: Observation
+    state: VehicleState
+    """What is believed of the vehicle."""
     watched: Watched
     parameters: Mapping[str, float]
     ground_station: GroundStation
@@ -96,11 +98,6 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     ramped_down: bool = False
     engage: bool = False
     """Whether engaging is requested, and confirmed by the autopilot's failsafe."""
-
-    @property
-    def state(self) -> VehicleState:
-        """What is believed of the vehicle."""
-        return self.observed.state
 
 
 def pilot_failsafe_acts(parameters: Mapping[str, float], limits: SupervisorLimits) -> bool:

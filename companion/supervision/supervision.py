@@ -56,6 +56,7 @@ class Supervision:
         )
         now = Situation(
             observed=observed,
+            state=state,
             watched=self._monitor.step(
                 observed, limits, self._parameters, active=active, steered=steered, tick_s=tick_s
             ),

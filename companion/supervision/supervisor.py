@@ -49,8 +49,8 @@ _RELEASING = _causes(S.FAULT, S.RAMP_DOWN, S.HAND_OVER)
 
 _MATTERS: dict[State, Condition] = {
     S.IDLE: BLOCKING,
-    S.READY: C.PILOT_TAKEOVER,
-    S.ACTIVE: WARNS,
+    S.READY: C.PILOT_TAKEOVER | C.LINK_LOST,
+    S.ACTIVE: WARNS | C.LINK_LOST,
     S.RAMP_DOWN: _RELEASING,
     S.HAND_OVER: _RELEASING,
     S.PILOT: BLOCKING | C.PILOT_TAKEOVER,
@@ -72,7 +72,7 @@ def remedy(state: State, conditions: Condition, details: Details = NO_DETAILS) -
     cleared after its cause has gone, whatever else is missing.
     """
     otherwise = STATES[state].remedy
-    todo = first_remedy(conditions & (_MATTERS[state] | C.LINK_LOST), details)
+    todo = first_remedy(conditions & _MATTERS[state], details) if conditions else ""
     if state is S.FAULT and todo:
         return f"{todo}; then {otherwise}"
     return todo or otherwise
@@ -111,7 +111,7 @@ class StateMachine:
             authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
-        if conditions & C.INTERRUPTED:
+        if C.INTERRUPTED in conditions:
             authority = 0.0
         if row:
             self._cause = row.when if len(row.when) == 1 and not row.when & UNSAID else NOTHING

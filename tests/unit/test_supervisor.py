@@ -338,7 +338,7 @@ def situation(state=RESTING, **changes):
     observed = record(Observation, state=state, dt_s=TICK_S, loop=loop, held=(True,) * 4)
     known: dict[str, Any] = {"mode_right": True, "parameters": SAFE, "steered": True, "tick_s": TICK_S}
     known["ground_station"] = structs.replace(RELEASES, endpoint="")
-    return Situation(observed=observed, watched=watched, **(known | changes))
+    return Situation(observed=observed, state=observed.state, watched=watched, **(known | changes))
 
 
 def assessed(state=RESTING, **changes):
