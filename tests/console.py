@@ -2,7 +2,7 @@
 
 import json
 
-from virtual import Dive
+from virtual import Dive, shared
 
 from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import ENGAGE_S
@@ -49,6 +49,12 @@ class Console:
         raise AssertionError("no answer")
 
 
-def at_console(*plant, local=True, **arguments):
+@shared
+def at_console(*plant, local=True, waits_s=2.0, engaged=False, **arguments):
+    """An operator at a vehicle that has waited for `waits_s`, and is engaged then if need be."""
     dive = Dive(*plant, engage=False, **arguments)
-    return dive, Console(dive, local)
+    dive.run(waits_s)
+    console = Console(dive, local)
+    if engaged:
+        assert console.tell("engage").done
+    return dive, console

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from builders import STILL_SENSORS
-from virtual import Dive, Somebody, active, hold
+from virtual import Dive, Somebody, active, hold, shared
 
 from companion.config import ConfigError, load_config
 from companion.records import Request, Setpoint, State
@@ -66,6 +66,7 @@ def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     """Amid a move, where error and rate are not zero."""
     gains = configured("network", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
 
+    @shared
     def moving():
         dive = active(*PULLED, seconds=8.0)
         dive.loop.engine.aim(hold(z=2.5))

@@ -1,6 +1,7 @@
 """One tick, from outside: bytes in, bytes and records out."""
 
 import math
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -62,19 +63,12 @@ def boarded(*messages, after_s=2.5):
     return dive
 
 
-@pytest.mark.parametrize("contact_s", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("contact_s", [0.0, 4.0])
 def test_whoever_arms_soon_after_first_contact_stays_armed(contact_s):
     """Neutral frames would count as a pilot, and their end as his loss: FS_PILOT_INPUT would disarm."""
     dive = boarded(after_s=contact_s)
     dive.run(2.1)
     dive.tap.to_vehicle.append(Somebody().arm())
-    dive.run(5.0)
-    assert dive.step.truth.armed
-    assert dive.tap.frames == []
-
-
-def test_an_armed_vehicle_that_nobody_steers_is_left_armed():
-    dive = boarded(Somebody().arm())
     dive.run(5.0)
     assert dive.step.truth.armed
     assert dive.tap.frames == []
@@ -93,13 +87,19 @@ def test_what_a_dead_companion_left_in_force_is_neutral_soon_after_the_next_one_
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_it_steers_every_tick_and_its_farewell_is_neutral(path):
+def test_it_steers_every_tick_then_neutral_for_a_while_and_its_farewell_is_neutral(path):
     dive = active(companion=[f"vehicle.thrust_path={path}"])
     assert any(dive.tap.frames[-1][1])
     before = len(dive.tap.frames)
     dive.run(1.0)
     assert len(dive.tap.frames) - before == 50
-    assert steering(dive.engine.shutdown_frames()) == (0.0,) * 6
+    assert steering(deepcopy(dive.engine).shutdown_frames()) == (0.0,) * 6
+    dive.ask(Request.STOP)
+    dive.run(2.0)
+    stopped = dive.tap.last_thrust_s
+    after = [(t_s, axes) for t_s, axes in dive.tap.frames if t_s > stopped + 0.001]
+    assert all(axes == (0.0,) * 6 for _, axes in after)
+    assert after[-1][0] - stopped == pytest.approx(BURST_S, abs=0.06)
 
 
 def watched(dive, seconds):
@@ -151,29 +151,6 @@ def test_who_crashes_leaves_neutral_if_it_steered(monkeypatch):
     assert steering(dive.engine.shutdown_frames()) == (0.0,) * 6
 
 
-@pytest.mark.parametrize("path", PATHS)
-def test_after_steering_neutral_goes_on_for_a_while(path):
-    dive = active(companion=[f"vehicle.thrust_path={path}"])
-    dive.ask(Request.STOP)
-    dive.run(2.0)
-    stopped = dive.tap.last_thrust_s
-    after = [(t_s, axes) for t_s, axes in dive.tap.frames if t_s > stopped + 0.001]
-    assert all(axes == (0.0,) * 6 for _, axes in after)
-    assert after[-1][0] - stopped == pytest.approx(BURST_S, abs=0.06)
-
-
-@pytest.mark.parametrize("depth_m", [1.0, 6.0])
-def test_engaging_is_no_step(depth_m):
-    """At first no more than the reference's own acceleration asks for, and nothing jumps afterwards."""
-    dive = Dive(f"initial.eta=[0,0,{depth_m},0,0,0.4]", setpoint=hold(z=3.0, psi=-1.0))
-    dive.until(State.ACTIVE)
-    steps = [dive.step, *dive.run(1.0)]
-    tau = np.array([step.sample.delivered for step in steps])
-    assert np.abs(tau[:5, 2]).max() < 5.0
-    assert np.abs(tau[:5, 3]).max() < 0.3
-    assert np.abs(np.diff(tau[:, 2])).max() < 12.0
-
-
 def test_nan_means_where_it_is_when_engaged():
     dive = Dive("initial.eta=[0,0,2.5,0,0,1.2]", setpoint=Setpoint(NAN)).until(State.ACTIVE)
     z, psi = dive.step.truth.eta[[2, 5]]
@@ -188,20 +165,6 @@ def test_x_and_y_stay_free_without_one_whatever_the_setpoint():
     dive = active(setpoint=hold(x=5.0, y=5.0))
     np.testing.assert_array_equal(dive.step.sample.dofs.engaged, [False, False, True, True])
     assert all(axes[0] == axes[1] == 0.0 for _, axes in dive.tap.frames)
-
-
-def test_before_engaging_nothing_in_the_sample_is_beyond_numbers():
-    dive = Dive(setpoint=Setpoint(NAN), engage=False)
-    for step in dive.run(2.0)[10:]:
-        sample = step.sample
-        for part in (
-            sample.eta_d,
-            sample.dofs.tau,
-            sample.dofs.x_d,
-            sample.requested,
-            sample.delivered,
-        ):
-            assert np.isfinite(part[2:]).all()
 
 
 def test_what_is_delivered_is_told_from_what_was_requested():
@@ -239,12 +202,11 @@ def test_the_mode_is_asked_for_only_when_engaging():
     assert asked
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_zero_that_arming_moves_is_no_motion(seed):
+def test_a_zero_that_arming_moves_is_no_motion():
     """Half a metre, which no real vehicle jumps by: engaging is as calm as without."""
 
     def engaged(*plant):
-        dive = Dive(*plant, setpoint=Setpoint(NAN), seed=seed).until(State.ACTIVE)
+        dive = Dive(*plant, setpoint=Setpoint(NAN)).until(State.ACTIVE)
         steps = [dive.step, *dive.run(3.0)]
         return steps, np.abs([step.sample.requested[2] for step in steps[:50]]).max()
 

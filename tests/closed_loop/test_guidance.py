@@ -91,7 +91,7 @@ def test_a_path_is_paused_resumed_and_stopped_without_a_jump():
     dive.engine.guide(
         path(dive, lemniscate=eight, heading="keep", relative=True, laps=0, acceleration_mps2=0.25)
     )
-    begun = dive.run(7.0)
+    begun = dive.run(5.0)
     dive.engine.guide(SetPath(action="pause"))
     paused = dive.run(2.5)
     assert paused[-1].sample.guided.kind == "paused"
@@ -103,7 +103,12 @@ def test_a_path_is_paused_resumed_and_stopped_without_a_jump():
     stopped = dive.run(4.0)
     assert stopped[-1].sample.guided.kind == "paused"
     assert np.abs(reference(stopped)[-1, 1]).max() < 0.01
-    smooth([*begun, *paused, *resumed, *stopped])
+    was_m = stopped[-1].sample.guided.progress_m
+    dive.engine.guide(SetPath(action="resume"))
+    goes_on = dive.run(1.0)
+    assert goes_on[5].sample.guided.kind == "path"
+    assert goes_on[5].sample.guided.progress_m == pytest.approx(was_m, abs=0.05)
+    smooth([*begun, *paused, *resumed, *stopped, *goes_on])
     with pytest.raises(ValueError, match="above the surface"):
         dive.engine.guide(Goto(depth_m=-3.0, frame="offset"))
 
@@ -124,24 +129,24 @@ def test_the_pilots_stick_pauses_a_path_which_goes_back_to_its_place_when_resume
     dive.engine.guide(
         path(
             dive,
-            waypoint=(Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=2.2, y_m=0.0)),
+            waypoint=(Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=1.6, y_m=0.0)),
             heading="keep",
             acceleration_mps2=0.25,
         )
     )
-    dive.run(5.0)
+    dive.run(4.0)
     reached_m = dive.step.sample.guided.progress_m
     dive.cockpit.push(sway=0.5)
-    dive.run(2.5)
+    dive.run(2.0)
     dive.cockpit.push()
-    waiting = dive.run(3.0)
+    waiting = dive.run(2.0)
     assert waiting[-1].sample.guided.kind == "paused"
     assert waiting[-1].sample.eta_d[1] > 0.2
     dive.engine.guide(SetPath(action="resume"))
-    dive.run(18.0)
+    dive.run(12.0)
     assert dive.step.sample.guided.kind == "hold", "it has arrived"
-    assert dive.step.sample.guided.progress_m == pytest.approx(2.2, abs=0.01)
-    assert reached_m < 1.4
+    assert dive.step.sample.guided.progress_m == pytest.approx(1.6, abs=0.01)
+    assert reached_m < 1.2
     assert dive.step.sample.eta_d[1] == pytest.approx(0.0, abs=0.02)
 
 

@@ -109,7 +109,7 @@ def test_asked_for_armed_and_dived_it_tries_every_motor_and_ends_neutral():
     ]
 
 
-@pytest.mark.parametrize("motors", [(1, 5), (2, 6), (3, 7), (4, 8)], ids=str)
+@pytest.mark.parametrize("motors", [(1, 5), (3, 8)], ids=str)
 def test_reversed_motors_are_named(motors):
     """One that pushes sideways and one that pushes up."""
     reversed_ = [f"parameters.MOT_{motor}_DIRECTION=-1" for motor in motors]
@@ -119,14 +119,12 @@ def test_reversed_motors_are_named(motors):
     assert "MOT_{}_DIRECTION and MOT_{}_DIRECTION".format(*motors) in found.fix
 
 
-@pytest.mark.parametrize("motors", [(), (2, 6)], ids=str)
-def test_the_six_thruster_frame(motors):
-    reversed_ = [f"parameters.MOT_{motor}_DIRECTION=-1" for motor in motors]
+def test_the_six_thruster_frame():
+    reversed_ = [f"parameters.MOT_{motor}_DIRECTION=-1" for motor in (2, 6)]
     frame = ('vehicle.frame="vectored"',)
     look = VehicleInspection(DIVED, *reversed_, arm=True, thrusters=True, companion=frame, base=SIX)
     assert look.row("frame").grade is Grade.GOOD
-    wanted = "motor 2 and 6 pushes in the wrong direction" if motors else "all 6 push in the right direction"
-    assert wanted in look.row("thrusters").found
+    assert "motor 2 and 6 pushes in the wrong direction" in look.row("thrusters").found
 
 
 def test_a_dead_motor_is_named():

@@ -38,20 +38,6 @@ def under_way():
     return dive
 
 
-def test_a_path_that_was_stopped_goes_on_where_it_was():
-    dive = under_way()
-    was_m = dive.step.sample.guided.progress_m
-    dive.engine.guide(SetPath(action="hold"))
-    meanwhile = dive.run(6.0)
-    guided = meanwhile[-1].sample.guided
-    assert (guided.kind, guided.left_m) == ("paused", pytest.approx(3.0 - was_m, abs=0.05))
-    dive.engine.guide(RESUME)
-    after = dive.run(18.0)
-    assert after[5].sample.guided.kind == "path"
-    assert after[5].sample.guided.progress_m == pytest.approx(was_m, abs=0.05)
-    assert after[-1].truth.eta[0] == pytest.approx(3.0, abs=0.05)
-
-
 def test_a_move_ends_a_path():
     dive = under_way()
     dive.engine.guide(Goto(y_m=1.0))

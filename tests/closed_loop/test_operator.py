@@ -9,7 +9,7 @@ import pytest
 from console import at_console
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from virtual import Somebody
+from virtual import Somebody, shared
 
 from companion.config import Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
@@ -23,14 +23,11 @@ from lab.loop.lockstep import LinkDelay
 @pytest.fixture
 def console():
     """An operator at a vehicle that waits."""
-    dive, console = at_console()
-    dive.run(0.2)
-    return console
+    return at_console()[1]
 
 
 def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
     dive, console = at_console()
-    dive.run(2.0)
     reply = console.tell("engage")
     assert (reply.done, reply.value["state"]) == (True, "ACTIVE")
     assert dive.state is State.ACTIVE
@@ -42,9 +39,7 @@ def test_engage_is_answered_when_it_is_so_and_release_when_thrust_is_gone():
 
 @pytest.mark.parametrize("steered", [False, True], ids=["by nobody", "by a pilot"])
 def test_after_a_release_it_says_until_when_somebody_has_to_steer(steered):
-    dive, console = at_console()
-    dive.run(2.0)
-    console.tell("engage")
+    dive, console = at_console(engaged=True)
     assert dive.step.sample.disarms_in_s == 0.0
     reply = console.tell("release")
     assert "nobody steers: the autopilot disarms in 3 s" in reply.said
@@ -63,7 +58,6 @@ def test_after_a_release_it_says_until_when_somebody_has_to_steer(steered):
 
 def test_a_release_withdraws_an_engage_that_waits():
     dive, console = at_console()
-    dive.run(2.0)
     dive.vehicle.autopilot.arm = lambda *_, **__: 4
     waiting = console.ask("engage")
     dive.run(0.5)
@@ -75,7 +69,6 @@ def test_a_release_withdraws_an_engage_that_waits():
 
 def test_a_setpoint_moves_what_it_names_and_is_read_back():
     dive, console = at_console()
-    dive.run(2.0)
     kept = console.tell("setpoint", depth_m=1.5)
     assert kept.done
     assert "when it engages" in kept.said
@@ -88,7 +81,7 @@ def test_a_setpoint_moves_what_it_names_and_is_read_back():
     idle = console.tell("setpoint", x_m=3.0)
     assert idle.done
     assert "not held" in idle.said
-    dive.run(12.0)
+    dive.run(9.0)
     assert dive.step.truth.eta[2] == pytest.approx(1.5, abs=0.06)
     assert math.remainder(dive.step.truth.eta[5] + math.pi / 2, math.tau) == pytest.approx(0.0, abs=0.06)
 
@@ -103,9 +96,7 @@ def test_a_setpoint_moves_what_it_names_and_is_read_back():
     ],
 )
 def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what, axis, key):
-    dive, console = at_console()
-    dive.run(2.0)
-    console.tell("engage")
+    dive, console = at_console(engaged=True)
     reply = console.tell(name, **what)
     assert reply.done
     assert reply.value[key] == what[key] == getattr(getattr(dive.engine.config, axis), key)
@@ -121,7 +112,6 @@ def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what,
 )
 def test_without_permission_nothing_happens(allow, local, says):
     dive, console = at_console(local=local, companion=[f"telemetry.allow_control={allow}"])
-    dive.run(0.1)
     before = dive.engine.config
     for name in COMMANDS:
         reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
@@ -181,8 +171,8 @@ def test_more_than_twofold_at_once_has_to_be_confirmed(console, name, key, now, 
 def test_gains_are_held_against_the_measured_delay(delay_s, done):
     """1/14 + 1/10 = 0.171 s: more than 0.026 + 0.138 s, less than with 80 ms more delay."""
     usual = LinkDelay()
-    dive, console = at_console(link=LinkDelay(up_s=usual.up_s + delay_s, down_s=usual.down_s + delay_s))
-    dive.run(6.0)
+    slow = LinkDelay(up_s=usual.up_s + delay_s, down_s=usual.down_s + delay_s)
+    dive, console = at_console(link=slow, waits_s=6.0)
     reply = console.tell("gains", axis="heave", lambda_per_s=14.0)
     assert reply.done is done, reply.said
     if not done:
@@ -230,9 +220,7 @@ DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=false")
 
 
 def test_goto_and_follow_are_commands_that_are_answered_and_done():
-    dive, console = at_console(*DVL)
-    dive.tap.to_vehicle.append(Somebody().origin())
-    dive.run(3.0)
+    dive, console = drifting()
     console.tell("engage")
     dive.run(2.0)
     reply = console.tell("goto", x_m=0.5, frame="offset")
@@ -269,11 +257,12 @@ FROM_HERE = [
 ]
 
 
-def drifting(*plant):
+@shared
+def drifting():
     """An operator at a vehicle that nobody holds, and that drifts."""
-    dive, console = at_console(*DVL, *plant)
+    dive, console = at_console(*DVL)
     dive.tap.to_vehicle.append(Somebody().origin())
-    dive.run(4.0)
+    dive.run(2.0)
     return dive, console
 
 
@@ -284,14 +273,14 @@ def test_from_here_is_from_where_it_engages_and_every_screen_says_so(name, what,
     assert reply.done
     assert words in reply.said.partition("kept, when it engages: ")[2]
     asked_at = dive.step.truth.eta
-    dive.run(8.0)
+    dive.run(6.0)
     assert math.dist(asked_at[:3], dive.step.truth.eta[:3]) > 0.3
     assert words in dive.step.sample.guided.pending
     assert words in status_line(dive.step.sample)
     console.tell("engage")
     assert words in console.results[-1].reply.said
     start = dive.engine.target
-    dive.run(10.0)
+    dive.run(7.0)
     assert dive.step.sample.guided.pending == ""
     x, _, z, _ = dive.step.sample.eta_d
     assert (x - start[0], z - start[2]) == pytest.approx(step_m, abs=0.02)
@@ -318,9 +307,7 @@ def test_from_here_does_not_outlive_the_place_where_it_was_asked(again):
 
 
 def test_what_is_asked_in_a_fault_is_kept_as_it_is_said():
-    dive, console = at_console()
-    dive.run(2.0)
-    console.tell("engage")
+    dive, console = at_console(engaged=True)
     console.tell("goto", altitude_m=0.8)
     dive.fault("link_cut", 1.5)
     dive.run(3.0)
@@ -435,56 +422,44 @@ class _Recorder:
 PATH = {"laps": 0, "waypoint": [{"x_m": 0.0, "y_m": 0.0}, {"x_m": 1.0, "y_m": 0.0}], "relative": True}
 
 
-@pytest.mark.parametrize("error", [ZeroDivisionError, MemoryError])
-@pytest.mark.parametrize(
-    ("where", "name", "what"),
-    [
-        ("companion.guidance.orders.building", "follow", {"path": PATH}),
-        ("companion.engine.Engine.guide", "goto", {"depth_m": 1.5}),
-        ("companion.engine.Engine.aim", "setpoint", {"depth_m": 1.5}),
-        ("companion.engine.Engine.retune", "gains", {"axis": "heave", "kappa_per_s": 5.0}),
-        ("companion.io.command_queue.parse", "release", {}),
-        ("companion.io.command_queue.CommandQueue._settled", "goto", {"depth_m": 1.5}),
-    ],
-)
-def test_an_error_that_nobody_foresaw_refuses_the_command_and_the_dive_goes_on(
-    monkeypatch, error, where, name, what
-):
-    dive, console = at_console()
-    dive.run(2.0)
-    console.tell("engage")
+def test_an_error_that_nobody_foresaw_refuses_the_command_and_the_dive_goes_on(monkeypatch):
+    dive, console = at_console(engaged=True)
+    for error, where, name, what in (
+        (MemoryError, "companion.guidance.orders.building", "follow", {"path": PATH}),
+        (ZeroDivisionError, "companion.engine.Engine.guide", "goto", {"depth_m": 1.5}),
+        (ZeroDivisionError, "companion.engine.Engine.aim", "setpoint", {"depth_m": 1.5}),
+        (MemoryError, "companion.engine.Engine.retune", "gains", {"axis": "heave", "kappa_per_s": 5.0}),
+        (ZeroDivisionError, "companion.io.command_queue.parse", "release", {}),
+        (MemoryError, "companion.io.command_queue.CommandQueue._settled", "goto", {"depth_m": 1.5}),
+    ):
 
-    def fails(*_, **__):
-        raise error("of numbers that lead nowhere")
+        def fails(*_, error=error, **__):
+            raise error("of numbers that lead nowhere")
 
-    with monkeypatch.context() as broken:
-        broken.setattr(where, fails)
-        reply = console.tell(name, **what)
-    assert (reply.done, "of numbers that lead nowhere" in reply.said) == (False, True)
-    dive.run(0.5)
-    assert dive.state is State.ACTIVE
-    assert console.tell("setpoint", depth_m=1.2).done
+        with monkeypatch.context() as broken:
+            broken.setattr(where, fails)
+            reply = console.tell(name, **what)
+        assert (reply.done, "of numbers that lead nowhere" in reply.said) == (False, True), where
+        dive.run(0.2)
+        assert dive.state is State.ACTIVE
+        assert console.tell("setpoint", depth_m=1.2).done
 
 
-@pytest.mark.parametrize("wrong", [ZeroDivisionError("no way"), Setpoint((math.nan,) * 4)])
-def test_a_path_that_leads_nowhere_on_the_way_ends_and_the_place_is_held(monkeypatch, wrong):
-    dive, console = at_console("sensors.dvl=true")
-    dive.run(4.0)
-    console.tell("engage")
-    dive.run(2.0)
-    assert console.tell("follow", path=PATH).done
-    dive.run(1.0)
+def test_a_path_that_leads_nowhere_on_the_way_ends_and_the_place_is_held(monkeypatch):
+    dive, console = at_console("sensors.dvl=true", waits_s=4.0, engaged=True)
 
-    def leads_nowhere(*_):
-        if isinstance(wrong, Exception):
-            raise wrong
-        return wrong
+    def raises(*_):
+        raise ZeroDivisionError("no way")
 
-    monkeypatch.setattr("companion.guidance.course.Course.step", leads_nowhere)
-    dive.run(0.1)
-    assert dive.step.sample.guided.kind == "refused"
-    assert "cannot be followed" in dive.step.sample.guided.name
-    before = dive.step.truth.eta[:3]
-    dive.run(3.0)
-    assert dive.state is State.ACTIVE
-    assert np.linalg.norm(dive.step.truth.eta[:3] - before) < 0.15
+    for leads_nowhere in (raises, lambda *_: Setpoint((math.nan,) * 4)):
+        assert console.tell("follow", path=PATH).done
+        dive.run(1.0)
+        with monkeypatch.context() as broken:
+            broken.setattr("companion.guidance.course.Course.step", leads_nowhere)
+            dive.run(0.1)
+        assert dive.step.sample.guided.kind == "refused"
+        assert "cannot be followed" in dive.step.sample.guided.name
+        before = dive.step.truth.eta[:3]
+        dive.run(3.0)
+        assert dive.state is State.ACTIVE
+        assert np.linalg.norm(dive.step.truth.eta[:3] - before) < 0.15

@@ -72,7 +72,7 @@ def instructions(call):
 def console():
     dive, console = at_console(*WATER, companion=FENCE)
     dive.tap.to_vehicle.append(Somebody().origin())
-    dive.run(3.0)
+    dive.run(1.5)
     assert console.tell("engage").done
     dive.run(2.5)
     console.plain = max(ticks(console, 10))

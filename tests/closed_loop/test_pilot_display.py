@@ -137,7 +137,7 @@ def test_a_command_that_is_for_another_or_of_another_does_nothing(behind):
     shown.run(0.1)
     for other in FOR_OTHERS_OR_BY_OTHERS:
         hands.send(command(RELEASE, **other))
-        assert results(shown.run(1.0)) == [], other
+        assert results(shown.run(0.4)) == [], other
         assert dive.state is State.ACTIVE, other
 
 
@@ -213,7 +213,7 @@ def test_a_parameter_that_means_nothing_is_answered_and_changes_nothing():
     shown.run(0.1)
     for action in (0, 4, 1.5, float("nan"), 1e9):
         hands.send(command(action))
-        assert results(shown.run(0.5)) == [mavlink.MAV_RESULT_UNSUPPORTED]
+        assert results(shown.run(0.3)) == [mavlink.MAV_RESULT_UNSUPPORTED]
         assert dive.state is State.ACTIVE
 
 

@@ -31,12 +31,11 @@ def modes_of(steps):
     return [now for i, now in enumerate(modes) if i == 0 or modes[i - 1] != now]
 
 
-@pytest.mark.parametrize("path", ["rc_override", "manual_control"])
-def test_a_depth_only_dive_holds_depth_and_the_firmware_the_rest(path):
+def test_a_depth_only_dive_holds_depth_and_the_firmware_the_rest():
     """Waves, a current and a heading that we neither name nor touch."""
     dive = Dive(
         *("waves.enabled=true", "current.enabled=true", "initial.eta=[0,0,1,0.1,-0.1,0.7]"),
-        companion=(*DEPTH_ONLY, f"vehicle.thrust_path={path}"),
+        companion=DEPTH_ONLY,
         setpoint=hold(z=3.0, psi=math.nan),
     ).until(State.ACTIVE)
     assert dive.step.truth.mode == STABILIZE

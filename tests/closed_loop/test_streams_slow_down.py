@@ -25,5 +25,5 @@ def texts_of(dive, seconds):
 
 
 def test_the_autopilot_refuses_nothing_that_we_ask_for():
-    said = texts_of(Dive(arm=False, engage=False), 60.0)
+    said = texts_of(Dive(arm=False, engage=False), 20.0)
     assert not [text for text in said if text.startswith("No ap_message")]

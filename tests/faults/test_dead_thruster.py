@@ -21,7 +21,7 @@ def holding(**arguments):
     return dive
 
 
-@pytest.mark.parametrize("motor", [2, 5, 8])
+@pytest.mark.parametrize("motor", [2, 5])
 def test_the_heavy_holds_depth_and_heading(motor):
     dive = holding()
     dive.fault("thruster", thruster=motor, value=0.0)

@@ -32,6 +32,7 @@ FORTY = {"kind": "yaw_reset", "value": 40.0}
 BURST = {"kind": "yaw_reset", "value": 3.0, "seconds": 2.0, "count": 48}
 AROUND = {"kind": "yaw_reset", "value": 170.0}
 NORTH = {"kind": "position_reset", "value": 3.0}
+SERIES = {"kind": "position_reset", "value": -0.5, "seconds": 2.0, "count": 10}
 
 
 def heading_errors_deg(steps, psi):
@@ -41,26 +42,19 @@ def heading_errors_deg(steps, psi):
 
 
 @pytest.mark.parametrize(
-    ("plant", "fault"),
-    [
-        ((), FORTY),
-        ((), BURST),
-        (DVL, FORTY),
-        (DVL, AROUND),
-        (DVL, NORTH),
-        (DVL, {"kind": "position_reset", "value": -0.5, "seconds": 2.0, "count": 10}),
-    ],
-    ids=["40", "burst", "dvl-40", "dvl-170", "dvl-3m", "dvl-series"],
+    ("plant", "faults"),
+    [((), (FORTY, BURST)), (DVL, (FORTY, AROUND, NORTH, SERIES))],
+    ids=["without a position", "with a DVL"],
 )
-def test_a_reset_moves_nothing(plant, fault):
-    dive = active(*QUIET, *plant, seconds=20.0)
-    before, began_s = dive.step.truth.eta, dive.t_s
-    last = dive.step.sample.requested
-    dive.fault(**fault)
-    steps = dive.run(8.0)
+def test_a_reset_moves_nothing(plant, faults):
+    dive = active(*QUIET, *plant, seconds=12.0)
+    before, began_s, steps = dive.step.truth.eta, dive.t_s, [dive.step]
+    for fault in faults:
+        dive.fault(**fault)
+        steps += dive.run(4.0)
+        assert any(step.sample.state.frame_shift for step in steps[-200:])
     assert dive.states_since(began_s) == [State.ACTIVE]
-    assert any(step.sample.state.frame_shift for step in steps)
-    thrust = np.array([last, *(step.sample.requested for step in steps)])
+    thrust = np.array([step.sample.requested for step in steps])
     assert (np.abs(np.diff(thrust, axis=0)) <= MOST_STEP).all()
     assert heading_errors_deg(steps, before[5]).max() < 2.0
     if plant:
@@ -74,7 +68,7 @@ def under_way(faults):
     plan = PathPlan(circle=Circle(radius_m=1.0), speed_mps=0.25)
     dive.engine.guide(build(plan, limits(dive.engine.config)))
     steps, began_s = [], dive.t_s
-    for after_s, fault in [*faults, (16.0, None)]:
+    for after_s, fault in [*faults, (10.0, None)]:
         steps += dive.run(began_s + after_s - dive.t_s)
         if fault is not None:
             dive.fault(**fault)
@@ -86,29 +80,23 @@ def under_way(faults):
     )
 
 
-@pytest.fixture(scope="module")
-def undisturbed():
-    return under_way([])
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_with_resets_at_any_time_it_pushes_and_goes_as_without(undisturbed, seed):
+def test_with_resets_at_any_time_it_pushes_and_goes_as_without():
     """What is left: the moment of a reset between two samples, and depth in whole millimetres."""
-    rng = np.random.default_rng(seed)
-    times = np.sort(rng.uniform(0.5, 14.0, 8))
+    rng = np.random.default_rng(1)
+    times = np.sort(rng.uniform(0.5, 9.0, 8))
     kinds = [("yaw_reset", rng.uniform(-180.0, 180.0)), ("position_reset", rng.uniform(1.2, 5.0))] * 4
     rng.shuffle(kinds)
     faults = [
         (t, {"kind": kind, "value": float(value)}) for t, (kind, value) in zip(times, kinds, strict=True)
     ]
+    undisturbed, there, _ = under_way([])
     thrust, places, resets = under_way(faults)
     assert resets == len(faults)
-    assert (np.abs(thrust - undisturbed[0]).max(axis=0) < [0.8, 0.8, 4.0, 0.05]).all()
-    assert (np.abs(places - undisturbed[1]).max(axis=0) < [0.03, 0.03, 0.002, 0.005]).all()
+    assert (np.abs(thrust - undisturbed).max(axis=0) < [0.8, 0.8, 4.0, 0.05]).all()
+    assert (np.abs(places - there).max(axis=0) < [0.03, 0.03, 0.002, 0.005]).all()
 
 
-@pytest.mark.parametrize("fault", [FORTY, NORTH], ids=["40", "3m"])
-@pytest.mark.parametrize("after_s", [-0.5, 0.0, 0.1, 1.0])
+@pytest.mark.parametrize(("fault", "after_s"), [(FORTY, -0.5), (NORTH, 0.0), (FORTY, 0.1)])
 def test_a_place_that_is_ordered_near_a_reset_lies_where_the_ekf_had_it_then(after_s, fault):
     """It is taken by the frame that the companion knew in that tick, and stays there."""
     dive = active(*QUIET, *DVL, setpoint=hold(x=0.0, y=0.0), seconds=6.0)
@@ -130,9 +118,6 @@ def test_a_place_that_is_ordered_near_a_reset_lies_where_the_ekf_had_it_then(aft
     north, east = dive.step.truth.eta[:2]
     assert complex(north, east) == pytest.approx(expected, abs=0.04)
     assert dive.state is State.ACTIVE
-    if after_s == 1.0:
-        assert dive.step.sample.state.eta[:2] == pytest.approx((2.0, 1.0), abs=0.03)
-        assert dive.engine.target[:2] == pytest.approx((2.0, 1.0), abs=0.01)
 
 
 def test_after_a_reset_steps_velocities_fence_and_map_are_in_the_new_frame():
@@ -170,19 +155,19 @@ def test_after_a_reset_steps_velocities_fence_and_map_are_in_the_new_frame():
 
 def test_the_setpoint_turns_with_the_frame_and_the_next_order_turns_nothing_back():
     """The operator's last heading was given in the old frame; a new depth or no heading leaves it alone."""
-    dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=10.0)
+    dive = active(*QUIET, setpoint=hold(psi=0.5), seconds=6.0)
     commands = CommandQueue(dive.engine.config)
     dive.fault(**FORTY)
-    for step in dive.run(3.0):
+    for step in dive.run(1.0):
         commands.after_tick(dive.engine, step.sample, dive.t_s)
     psi = dive.step.truth.eta[5]
     assert dive.engine.target[3] == pytest.approx(0.5 + np.radians(40.0), abs=0.01)
     commands.put(ReceivedCommand("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
     commands.before_tick(dive.engine, dive.t_s)
-    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
+    assert heading_errors_deg(dive.run(5.0), psi).max() < 2.0
     assert dive.step.truth.eta[2] == pytest.approx(1.4, abs=0.05)
     dive.tap.aim(hold(z=1.5, psi=nan))
-    assert heading_errors_deg(dive.run(6.0), psi).max() < 2.0
+    assert heading_errors_deg(dive.run(3.0), psi).max() < 2.0
 
 
 @pytest.mark.parametrize(("gap", "knock_radps", "most_deg"), [(False, 4.0, 4.0), (True, 3.0, 2.0)])
@@ -226,14 +211,14 @@ def test_fixes_are_followed_slowly_and_without_a_bump():
     assert np.abs(np.diff(places, axis=0)).max() / 0.02 < 0.08
     assert np.abs(np.diff(thrust, axis=0)).max() < 6.0
     assert np.hypot(*places.T).max() < 0.25
-    dive.run(18.0)
+    dive.run(12.0)
     assert dive.engine.asked[:2] == pytest.approx((0.0, 0.0), abs=0.02), "the numbers that were asked for"
     assert dive.state is State.ACTIVE
 
 
 def test_while_the_compass_aligns_it_does_not_engage_and_says_wait():
     dive = Dive(*QUIET, engage=False)
-    dive.run(6.0)
+    dive.run(3.0)
     dive.fault(**BURST)
     dive.run(1.0)
     dive.ask(Request.ENGAGE)
@@ -260,14 +245,17 @@ GROUND = (
 )
 
 
+LASTS_S = 7.0
+
+
 def holding(plant, **what):
-    return active(*plant, **what, seconds=8.0)
+    return active(*plant, **what, seconds=5.0)
 
 
 def altitude(plant):
     dive = holding(plant + GROUND)
     dive.engine.guide(Goto(altitude_m=4.0))
-    dive.run(6.0)
+    dive.run(5.0)
     return dive
 
 
@@ -295,13 +283,13 @@ def shifted(begin, plant, shifts):
     """True depths, each 20 ms, of a dive whose zero of depth moves by `shifts`, as (after s, m); the dive."""
     dive, steps = begin(plant), []
     began_s = dive.t_s
-    for after_s, size_m in (*shifts, (10.0, 0.0)):
+    for after_s, size_m in (*shifts, (LASTS_S, 0.0)):
         steps += dive.run(began_s + after_s - dive.t_s)
         if size_m:
             dive.fault("depth_shifted", value=size_m)
     assert dive.states_since(began_s) == [State.ACTIVE]
     times, depths = [step.t_s - began_s for step in steps], [step.truth.eta[2] for step in steps]
-    return np.interp(np.arange(0.0, 10.0, 0.02), times, depths), dive
+    return np.interp(np.arange(0.0, LASTS_S, 0.02), times, depths), dive
 
 
 SMALL, LARGE = ((2.5, 0.2), (3.5, -0.4)), ((3.0, 8.0), (3.4, -3.0))
@@ -311,7 +299,6 @@ SMALL, LARGE = ((2.5, 0.2), (3.5, -0.4)), ((3.0, 8.0), (3.4, -3.0))
     ("begin", "plant", "shifts"),
     [
         (holding, QUIET, ((3.0, 0.05),)),
-        (holding, WAVES, SMALL),
         (altitude, WAVES, LARGE),
         (sinking, QUIET, SMALL),
         (on_a_path, WAVES, LARGE),
@@ -326,10 +313,9 @@ def test_a_zero_of_depth_that_moves_moves_nothing(begin, plant, shifts):
     assert state.eta[2] == pytest.approx(dive.step.truth.eta[2], abs=0.04), "the depth as it was known"
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_zeros_that_move_at_any_time_by_any_size_move_nothing(seed):
-    rng = np.random.default_rng(seed)
-    times, sizes = np.sort(rng.uniform(1.0, 9.0, 6)), rng.uniform(0.06, 8.0, 6) * rng.choice((-1, 1), 6)
+def test_zeros_that_move_at_any_time_by_any_size_move_nothing():
+    rng = np.random.default_rng(1)
+    times, sizes = np.sort(rng.uniform(1.0, 6.0, 6)), rng.uniform(0.06, 8.0, 6) * rng.choice((-1, 1), 6)
     shifts = tuple(zip(times.tolist(), sizes.tolist(), strict=True))
     undisturbed, _ = shifted(holding, WAVES, ())
     depths, _ = shifted(holding, WAVES, shifts)
@@ -344,7 +330,7 @@ def test_a_zero_that_slides_within_a_second_is_found_by_the_pressure_which_bring
     for _ in range(50):
         dive.fault("depth_shifted", value=size_m)
         dive.run(0.02)
-    dive.run(6.0)
+    dive.run(5.0)
     assert dive.states_since(began_s) == [State.ACTIVE]
     assert dive.step.sample.state.depth_offset_m == pytest.approx(50.0 * size_m, abs=0.03)
     assert dive.step.truth.eta[2] == pytest.approx(before, abs=0.03)
@@ -408,8 +394,8 @@ def test_the_operator_hears_by_how_much_the_ground_stations_depth_differs(end):
 
 
 def test_an_origin_that_comes_late_moves_nothing():
-    dive = Dive("sensors.dvl=true", 'faults=[{kind="origin_late", duration_s=14.0}]')
-    dive.run(13.9)
+    dive = Dive("sensors.dvl=true", 'faults=[{kind="origin_late", duration_s=9.0}]')
+    dive.run(8.9)
     assert dive.state is State.ACTIVE
     before, began_s = dive.step.truth.eta[2], dive.t_s
     steps = dive.run(6.0)
@@ -426,7 +412,7 @@ def test_an_origin_that_comes_late_moves_nothing():
 )
 def test_a_depth_that_is_worse_than_it_should_be_is_held_all_the_same(plant, kind, value, most_m):
     """Slow noise as measured on a real vehicle, and what GPS makes of the EKF's depth."""
-    dive = active(*plant, seconds=9.0)
+    dive = active(*plant, seconds=6.0)
     began_s = dive.t_s
     dive.fault(kind, value=value)
     steps = dive.run(12.0)

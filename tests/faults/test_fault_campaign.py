@@ -1,4 +1,4 @@
-"""The first dives of the campaign, and that it would notice."""
+"""Some dives of the campaign, and that it would notice."""
 
 from copy import deepcopy
 
@@ -6,22 +6,29 @@ import pytest
 
 from companion.records import Condition, State, Verdict
 from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, prepared
-from lab.studies.faults import FaultCase, FaultDives, case, dive, dive_group
-from lab.study import dived, parser_of, workforce
+from lab.studies.faults import TOGETHER, FaultCase, FaultDives, case, dive, dive_group
+from lab.study import parser_of
 from sim_bridge.fault_kinds import FAULT_KINDS
 
-DIVES = 102
+GROUPS = (1, 2, 3, 6, 7, 9, 13, 19, 22, 59)
+"""Of dives that begin alike: every state and every variant."""
+
+DIVES = 5
+"""Of each group."""
 
 
-def test_every_promise_is_kept():
-    study = FaultDives(parser_of(FaultDives).parse_args(["--dives", str(DIVES)]))
-    with workforce(2) as (executor, workers):
-        found = list(dived(study, study.groups(study.cases()), executor, workers))
-    rows = [
-        (one.number, row["broken"]) for cases, rows in found for one, row in zip(cases, rows, strict=True)
-    ]
-    assert [row for row in rows if row[1]] == []
-    assert len(rows) == DIVES
+@pytest.mark.parametrize("group", GROUPS)
+def test_every_promise_is_kept(group):
+    options = ["--first", str(group * TOGETHER), "--dives", str(DIVES)]
+    study = FaultDives(parser_of(FaultDives).parse_args(options))
+    (cases,) = study.groups(study.cases())
+    assert [row["broken"] for row in study.dive(cases)] == [""] * DIVES
+
+
+def test_the_groups_begin_in_every_state_with_every_variant():
+    cases = [case(group * TOGETHER) for group in GROUPS]
+    assert {one.state for one in cases} == set(State)
+    assert {one.variant for one in cases} == set(VARIANTS)
 
 
 def test_the_numbers_draw_everything():

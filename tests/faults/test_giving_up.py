@@ -119,17 +119,6 @@ def test_surprise_about_a_heading_ends_it_where_the_heading_is_ours():
     assert not dive.step.sample.verdict.conditions & Condition.INNOVATION_LARGE
 
 
-def test_a_reboot_ends_it():
-    """By its disarmed heartbeat, or by its clock, whichever comes first."""
-    dive = active(seconds=3.0)
-    since_s = dive.t_s
-    dive.fault("reboot")
-    steps = dive.run(2.0)
-    assert dive.state in (State.IDLE, State.FAULT)
-    assert any(step.sample.verdict.conditions & Condition.REBOOTED for step in steps)
-    assert dive.tap.last_thrust_s - since_s <= 1.1
-
-
 def test_alt_hold_holds_the_depth_is_kept_alive_and_then_left_alone():
     dive = active(companion=["supervisor.keep_alt_hold_s=8"], seconds=6.0)
     depth_m = dive.step.truth.eta[2]
@@ -198,7 +187,7 @@ def test_refused_is_a_fault_and_silence():
     assert dive.motors_rest()
 
 
-@pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (SURFACE, 5.0), (MANUAL, 1.5), (MANUAL, 5.0)])
+@pytest.mark.parametrize(("mode", "after_s"), [(SURFACE, 1.5), (MANUAL, 5.0)])
 def test_somebody_elses_mode_ends_it(mode, after_s):
     """SURFACE before any heartbeat told of the leak's failsafe looks like that failsafe's own doing."""
     dive = handing_over()

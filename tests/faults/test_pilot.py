@@ -53,8 +53,7 @@ def steering_bytes(data):
     return kinds.count("MANUAL_CONTROL") + kinds.count("RC_CHANNELS_OVERRIDE")
 
 
-@pytest.mark.parametrize("axis", ["surge", "sway"])
-@pytest.mark.parametrize("push", [0.3, -0.3])
+@pytest.mark.parametrize(("axis", "push"), [("surge", 0.3), ("sway", -0.3)])
 def test_axes_that_are_not_held_are_the_pilots_own(axis, push):
     dive = holding()
     dive.cockpit.push(**{axis: push})
@@ -416,9 +415,9 @@ def lost(on_loss, *plant, depth_m=1.0, companion=()):
 
 def test_lost_and_told_to_hold_it_holds():
     dive = lost("hold")
-    dive.run(8.0)
+    dive.run(5.0)
     assert dive.state is State.ACTIVE
-    assert dive.step.sample.state.ages.pilot_s > 7.0
+    assert dive.step.sample.state.ages.pilot_s > 4.0
     assert dive.step.truth.eta[2] == pytest.approx(1.0, abs=0.05)
 
 

@@ -12,8 +12,8 @@ from virtual import Dive, Somebody, active, hold
 from companion.records import Condition, Request, State
 from companion.telemetry.event_log import EventLog
 
-WATCHED_S = 6.5
-"""Longer than a request to engage is valid."""
+WATCHED_S, ENGAGE_WATCHED_S = 1.0, 6.0
+"""The latter longer than a request to engage is valid."""
 
 COMMANDS = {
     Request.ENGAGE: "engage",
@@ -35,7 +35,7 @@ def reached(state, blocked):
     return dive, Console(dive)
 
 
-def course(dive, console):
+def course(dive, console, seconds):
     """Dive on; return all that was sent and every verdict."""
     sent, step = [], console.engine.step
 
@@ -45,13 +45,14 @@ def course(dive, console):
         return out, sample
 
     console.engine.step = noted
-    dive.run(WATCHED_S)
+    dive.run(seconds)
     return sent
 
 
 @cache
-def undisturbed(state, blocked):
-    return course(*reached(state, blocked))
+def undisturbed(state, blocked, seconds):
+    dive, console = reached(state, blocked)
+    return course(dive, console, seconds)
 
 
 ASKED = [
@@ -64,9 +65,10 @@ ASKED = [
 def test_a_request_is_done_or_is_refused_at_once_and_changes_nothing(state, request_, blocked):
     dive, console = reached(state, blocked)
     why = console.engine.refusal(request_)
+    seconds = ENGAGE_WATCHED_S if request_ is Request.ENGAGE else WATCHED_S
     if request_ is Request.WITHDRAW:
         dive.ask(request_)
-        went, calm = course(dive, console), undisturbed(state, blocked)
+        went, calm = course(dive, console, seconds), undisturbed(state, blocked, seconds)
         assert [(out, verdict.state) for out, verdict, *_ in went] == [(out, v.state) for out, v, *_ in calm]
         return
     if not why:
@@ -74,13 +76,13 @@ def test_a_request_is_done_or_is_refused_at_once_and_changes_nothing(state, requ
         assert reply.done, reply.said
         return
     answers = console.ask(COMMANDS[request_])
-    went = course(dive, console)
+    went = course(dive, console, seconds)
     (reply,) = answers
     assert not reply.done
     assert reply.said == f"refused: {why}"
     assert not console.given[0].requests, "refused in the tick in which it came"
     assert "to do: " in why or "no fault is latched" in why
-    assert went == undisturbed(state, blocked)
+    assert went == undisturbed(state, blocked, seconds)
 
 
 @pytest.mark.parametrize("state", [State.RAMP_DOWN, State.HAND_OVER, State.PILOT, State.FAULT])
@@ -89,7 +91,8 @@ def test_the_engine_too_drops_what_is_refused(state):
     dive, console = reached(state, blocked=True)
     assert console.engine.refusal(Request.ENGAGE)
     dive.ask(Request.ENGAGE)
-    assert course(dive, console) == undisturbed(state, True)
+    assert course(dive, console, WATCHED_S) == undisturbed(state, True, WATCHED_S)
+    assert Condition.ENGAGE_ASKED not in dive.step.sample.verdict.conditions
 
 
 def test_an_engage_that_comes_to_nothing_is_withdrawn_and_releases_nothing():

@@ -128,7 +128,7 @@ def distance(dive, eta):
     return np.linalg.norm(off), abs(np.degrees(turned))
 
 
-@settings(max_examples=18, deadline=None)
+@settings(max_examples=14, deadline=None)
 @given(what=st.sampled_from(SILENT), seconds=st.floats(0.02, 1.6))
 def test_any_short_interruption_is_ridden_out_and_a_longer_one_ends_it_as_ever(what, seconds):
     """No tick of `Dive` breaks a promise: thrust rests on old telemetry as soon as it ever did."""

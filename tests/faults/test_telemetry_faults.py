@@ -1,14 +1,11 @@
-"""Bytes gone bad: garbage, doubles, disorder, flipped bits, absurd numbers, a reboot in mid-dive."""
+"""Bytes gone bad: garbage, doubles, disorder, flipped bits; a reboot. test_absurd_values.py has numbers."""
 
 import numpy as np
 import pytest
-from virtual import DEPTH_M, Dive, active, shared
+from virtual import DEPTH_M, active, shared
 
-from companion.records import Request, State
-from lab.loop.lockstep import START_S, LinkDelay
-
-STREAMS = ("ATTITUDE", "GLOBAL_POSITION_INT", "VFR_HUD", "SERVO_OUTPUT_RAW", "TIMESYNC", "")
-"""Those that move the estimate; "" is all, heartbeats, voltages, gains and parameters too."""
+from companion.records import Condition, Request, State
+from lab.loop.lockstep import START_S
 
 
 def arrival(t_s):
@@ -81,25 +78,13 @@ def test_bytes_gone_bad_are_borne(act):
     assert act is not garbage or dive.step.sample.counters.garbage >= 300
 
 
-@pytest.mark.parametrize("message", STREAMS)
-@pytest.mark.parametrize("kind", ["message_nan", "message_extreme"])
-def test_absurd_numbers_in_any_stream_are_survived(kind, message):
-    """Through `Tap`: no exception, nothing absurd goes out; and it comes back once asked."""
-    dive = active(seconds=0.3)
-    dive.fault(kind, 0.7, message=message, value=3e38)
-    dive.run(1.4)
-    assert np.isfinite(dive.step.sample.requested).all()
-    assert np.isfinite(dive.step.sample.state.eta).all()
-    if dive.state is not State.ACTIVE:
-        assert dive.tap.last_thrust_s < dive.t_s - 0.3
-
-
 def test_an_autopilot_that_reboots_is_not_armed_again_and_can_be_engaged_again():
     """Even though told to arm: what ended a dive is for somebody to look at."""
     dive = arrived()
     since_s = dive.t_s
     dive.fault("reboot")
-    dive.run(6.0)
+    steps = dive.run(6.0)
+    assert any(step.sample.verdict.conditions & Condition.REBOOTED for step in steps)
     assert dive.state in (State.IDLE, State.FAULT)
     assert dive.tap.last_thrust_s - since_s <= 1.1
     assert not dive.step.truth.armed
@@ -121,22 +106,3 @@ def test_a_link_that_comes_and_goes_is_not_engaged_through():
         dive.run(1.2)
     assert dive.state is State.FAULT
     assert dive.tap.last_thrust_s - since_s <= 12.0
-
-
-def test_a_vehicle_that_was_never_there():
-    dive = Dive()
-    dive.fault("link_cut")
-    dive.run(5.0)
-    assert dive.state is State.IDLE
-    assert not dive.tap.frames
-
-
-def test_a_delay_that_grows_while_it_holds_is_measured_and_borne():
-    """40 ms more each way from 8 s on: found by TIMESYNC and the echo, and no limit cycle."""
-    dive = active(seconds=4.0, link=LinkDelay(change_s=(8.0, 0.04)))
-    dive.run(16.0)
-    before = dive.step.sample.state.delays
-    assert before.telemetry_s + before.command_s > 0.08
-    depth = np.array([step.truth.eta[2] for step in dive.run(3.0)])
-    assert np.abs(depth - DEPTH_M).max() < 0.05
-    still_holds(dive)
