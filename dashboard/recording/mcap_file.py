@@ -7,10 +7,11 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, cast
+from typing import BinaryIO, NamedTuple
 
 import lz4.frame
 import msgspec
@@ -18,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Chunk, Metadata
 from mcap.writer import CompressionType, Writer
 
 from companion.telemetry import schemas as telemetry
@@ -45,7 +46,6 @@ MAX_KEY_CHARS, MAX_TABLES = 4096, 64
 """Longer keys, and further tables about the recording, are passed over."""
 
 _HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
 _MESSAGE = struct.Struct("<HIQQ")
 _BROKEN = (McapError, RuntimeError, zstandard.ZstdError, struct.error, ValueError, OverflowError)
 
@@ -87,71 +87,25 @@ def schema_of(encoding: str) -> tuple[str, bytes] | None:
 # --- Writing ----------------------------------------------------------------------------------------------
 
 
-class Disk:
-    """A new file without a buffer: what was written is the kernel's. Raises OSError, and FileExistsError."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("xb", buffering=0)
-        self._size = self._safe = 0
-
-    def write(self, data: bytes) -> int:
-        """Write all of it."""
-        rest = memoryview(data)
-        while rest:
-            written = self._file.write(rest) or 0
-            self._size += written
-            rest = rest[written:]
-        return len(data)
-
-    def tell(self) -> int:
-        """Return how much was written."""
-        return self._size
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
-
-    def sync(self) -> None:
-        """Put all on the disk."""
-        os.fdatasync(self._file.fileno())
-        self._safe = self._size
-
-    def give_up(self) -> None:
-        """Close after an error; keep what was on the disk at the last `sync`."""
-        self._file.truncate(self._safe)
-        self._file.close()
-
-    def close(self) -> None:
-        """Put all on the disk and close."""
-        self.sync()
-        self._file.close()
-
-
 class Recording:
     """A file being written. Everything raises OSError when the disk fails: then `give_up`."""
 
-    def __init__(
-        self, path: Path, disk: Disk | None = None, reserved: Collection[tuple[str, str]] = ()
-    ) -> None:
+    def __init__(self, path: Path, reserved: Collection[tuple[str, str]] = ()) -> None:
         """`reserved` are keys with their encodings that get a channel even when `MAX_CHANNELS` are taken."""
         self.path = path
         self.messages = 0
         self._reserved = reserved
-        self._disk = disk or Disk(path)
-        self._writer = Writer(
-            cast(BinaryIO, self._disk), chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION]
-        )
-        try:
-            self._writer.start(profile="", library="holdfast")
-        except OSError:
-            self._disk.give_up()
-            raise
+        self._file = path.open("xb")
+        self._safe = 0  # bytes that are on the disk
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION])
+        self._writer.start(profile="", library="holdfast")
         self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
 
     @property
     def size_bytes(self) -> int:
         """How large the file is by now."""
-        return self._disk.tell()
+        return self._file.tell()
 
     def add(self, item: Item) -> None:
         """Write a sample, under its schema where it is one of ours.
@@ -173,16 +127,21 @@ class Recording:
     def sync(self) -> None:
         """Close the chunk and put it on the disk."""
         self._writer.flush()  # type: ignore[no-untyped-call]
-        self._disk.sync()
+        os.fdatasync(self._file.fileno())
+        self._safe = self._file.tell()
 
     def close(self) -> None:
         """Write summary and index, and close."""
         self._writer.finish()  # type: ignore[no-untyped-call]
-        self._disk.close()
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+        self._file.close()
 
     def give_up(self) -> None:
         """Close as it is after an OSError: readable up to the last `sync`."""
-        self._disk.give_up()
+        with suppress(OSError):
+            self._file.close()
+        os.truncate(self.path, self._safe)
 
     def _channel(self, item: Item) -> int:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
@@ -256,47 +215,39 @@ class Reader:
         A file that is still written is read as far as it went at the start.
         """
         size = os.fstat(file.fileno()).st_size
-        while True:
-            left = size - file.tell()
-            head = file.read(_HEAD.size) if left >= _HEAD.size else b""
-            if len(head) < _HEAD.size:
-                self.lost_bytes = left
-                return
-            opcode, length = _HEAD.unpack(head)
-            rest = left - _HEAD.size
-            if not opcode:  # a file system that lost power leaves zeros
-                self.lost_bytes = rest + _HEAD.size
-                return
+        while (left := size - file.tell()) >= _HEAD.size:
+            opcode, length = _HEAD.unpack(file.read(_HEAD.size))
             if opcode == Opcode.DATA_END:
                 self.whole = file.seek(-len(MAGIC), os.SEEK_END) > 0 and file.read() == MAGIC
                 return
-            body = file.read(min(length, rest, MAX_RECORD_BYTES))
-            if length > rest:
-                self.lost_bytes = _HEAD.size + rest
-            elif length > len(body):
-                file.seek(length - len(body), os.SEEK_CUR)
+            if not opcode or length > left - _HEAD.size:  # a file system that lost power leaves zeros
+                break
+            if length > MAX_RECORD_BYTES:
+                file.seek(length, os.SEEK_CUR)
                 self.broken_chunks += opcode == Opcode.CHUNK
                 continue
+            body = file.read(length)
             if opcode == Opcode.CHUNK:
-                yield from self._inside(body, file.tell(), cut=length > rest)
-            elif length <= rest:
+                yield from self._inside(body, file.tell())
+            else:
                 yield opcode, body
-            if length > rest:
-                return
+        self.lost_bytes = left
 
-    def _inside(self, body: bytes, read_bytes: int, *, cut: bool) -> Iterator[tuple[int, bytes]]:
-        """Give the records of a chunk; of a cut one those at its beginning: few, as it is packed as one."""
+    def _inside(self, body: bytes, read_bytes: int) -> Iterator[tuple[int, bytes]]:
+        """Give the records of a chunk; of one that unpacks to more than a recording has, none."""
         try:
-            *_, size, crc, name_bytes = _CHUNK_HEAD.unpack_from(body)
-            name_end = _CHUNK_HEAD.size + name_bytes
-            compression, data = body[_CHUNK_HEAD.size : name_end], body[name_end + 8 :]
-            if compression:
-                self._admit(size, read_bytes)
-                data = _unpacked(compression, data, size)
-            if not cut and (len(data) != size or crc not in (0, zlib.crc32(data))):
-                raise ValueError("the chunk does not fit its size or its checksum")
+            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            data = chunk.data
+            if chunk.compression:
+                admitted = FREE_BYTES + MAX_RATIO * read_bytes - self.unpacked_bytes
+                if chunk.uncompressed_size > min(admitted, MAX_RECORD_BYTES):
+                    raise ValueError("too large")
+                self.unpacked_bytes += chunk.uncompressed_size
+                data = _unpacked(chunk)
+            if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+                raise ValueError("not what was packed")
         except _BROKEN:
-            self.broken_chunks += not cut
+            self.broken_chunks += 1
             return
         at = 0
         while at + _HEAD.size <= len(data):
@@ -307,19 +258,46 @@ class Reader:
             yield opcode, data[at : at + length]
             at += length
 
-    def _admit(self, size: int, read_bytes: int) -> None:
-        """Count a chunk that unpacks to `size`; raise ValueError where that is more than a recording has."""
-        admitted = FREE_BYTES + MAX_RATIO * read_bytes - self.unpacked_bytes
-        if size > min(admitted, MAX_RECORD_BYTES):
-            raise ValueError("a chunk unpacks to more than a recording has")
-        self.unpacked_bytes += size
 
-
-def _unpacked(compression: bytes, data: bytes, size: int) -> bytes:
-    """Return what `data` was made of, all that can be had of it, `size` bytes at most."""
-    if compression == b"zstd":
-        with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD_BYTES).stream_reader(data) as reader:
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return what was packed, as many bytes as the chunk says at most."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        unpacker = zstandard.ZstdDecompressor(max_window_size=MAX_RECORD_BYTES)
+        with unpacker.stream_reader(chunk.data) as reader:
             return reader.read(size)
-    if compression == b"lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
-    raise ValueError(f"unknown compression {compression!r}")
+    if chunk.compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size))
+    raise ValueError(f"unknown compression {chunk.compression!r}")
+
+
+# --- Repairing --------------------------------------------------------------------------------------------
+
+
+def repair(source: Path) -> str:
+    """Copy all readable samples of `source` to a new file with summary and index; say what became of it.
+
+    `source` stays as it is. Raises ValueError for what is no recording, OSError from the disk, and
+    FileExistsError where the repaired file is there already.
+    """
+    reader, target = Reader(source), source.with_suffix(".repaired.mcap")
+    recording = Recording(target)
+    try:
+        for item in reader:
+            with suppress(ValueError):  # no recording of ours has it
+                recording.add(item)
+        lost = {"lost_bytes": str(reader.lost_bytes), "broken_chunks": str(reader.broken_chunks)}
+        for name, table in {**reader.metadata, "repaired": {"from": source.name, **lost}}.items():
+            recording.describe(name, table)
+        recording.close()
+    except BaseException:
+        recording.give_up()
+        target.unlink()
+        raise
+    if reader.whole and not reader.broken_chunks:
+        target.unlink()
+        return "is whole; nothing to do"
+    return (
+        f"{recording.messages} samples are in {target}; {reader.lost_bytes} bytes at the end and "
+        f"{reader.broken_chunks} broken chunks were lost"
+    )

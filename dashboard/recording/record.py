@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
 
 import msgspec
 import zenoh
@@ -22,16 +21,15 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.arguments import MB, add_connect, until_ended
+from dashboard.recording.mcap_file import repair
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.recording.repair import repair
 from holdfast import DONE, REFUSED, RefusedError, files, own_version
 from holdfast.arguments import command_parser
 from holdfast.version import revision
 
-QUEUE = 32_768
-"""Messages that may wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
 QUEUE_BYTES = 1 << 26
-"""The same for their size."""
+"""May wait for the disk: over a minute of one vehicle. What comes when it is full is lost."""
+OVERHEAD_BYTES = 600  # of a message that waits
 
 _DRAIN_S = 0.1  # five ticks
 _SYNC_S = 0.9  # and _DRAIN_S: at most a second is lost
@@ -56,14 +54,6 @@ Ctrl-C closes the file. After a power cut at most the last second is missing, an
 """
 
 
-class _Came(NamedTuple):
-    key: str
-    encoding: str
-    payload: bytes
-    publish_ns: int
-    now_s: float
-
-
 class RecorderThread(SessionThread):
     """Records `vehicle`, or the first one heard where that is empty, from `start` to `close`.
 
@@ -76,7 +66,7 @@ class RecorderThread(SessionThread):
         self._vehicle = vehicle
         self._endpoint = endpoint
         self._limits = limits
-        self._queue: deque[_Came] = deque()
+        self._queue: deque[tuple[str, str, bytes, int, float]] = deque()
         self._came_bytes = self._taken_bytes = self._dropped = 0
         self._keeping = threading.Lock()
         """Held by threads of Zenoh's, of which there are several."""
@@ -161,13 +151,13 @@ class RecorderThread(SessionThread):
         """Take a sample from Zenoh's thread, which never waits."""
         stamp, payload = sample.timestamp, sample.payload.to_bytes()
         publish_ns = round(stamp.get_time().timestamp() * 1e9) if stamp else time.time_ns()
-        came = _Came(str(sample.key_expr), str(sample.encoding), payload, publish_ns, time.monotonic())
+        came = str(sample.key_expr), str(sample.encoding), payload, publish_ns, time.monotonic()
+        size_bytes = len(payload) + OVERHEAD_BYTES
         with self._keeping:
-            waiting_bytes = self._came_bytes - self._taken_bytes + len(payload)
-            if len(self._queue) >= QUEUE or waiting_bytes > QUEUE_BYTES:
+            if self._came_bytes - self._taken_bytes + size_bytes > QUEUE_BYTES:
                 self._dropped += 1
                 return
-            self._came_bytes += len(payload)
+            self._came_bytes += size_bytes
             self._queue.append(came)
 
     def _on_alive(self, sample: zenoh.Sample) -> None:
@@ -186,8 +176,8 @@ class RecorderThread(SessionThread):
                 recorder.describe("config", {"json": text})
         for _ in range(len(self._queue)):
             came = self._queue.popleft()
-            self._taken_bytes += len(came.payload)
             recorder.take(*came)
+            self._taken_bytes += len(came[2]) + OVERHEAD_BYTES
 
     def _say(self, said: str) -> None:
         if said != self._said:

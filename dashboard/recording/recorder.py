@@ -4,9 +4,9 @@ Trouble with the disk ends the recording, never the process: `said` tells it.
 """
 
 import math
-import os
+import shutil
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,7 +17,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from dashboard.arguments import MB
-from dashboard.recording.mcap_file import Disk, Item, Recording, TooManyChannelsError
+from dashboard.recording.mcap_file import Item, Recording, TooManyChannelsError
 from holdfast import files
 
 RESTART_S = 5.0
@@ -62,16 +62,12 @@ class DiveRecorder:
         vehicle: str,
         limits: FileLimits,
         about: Mapping[str, str],
-        free_bytes: Callable[[Path], int] | None = None,
-        disk: Callable[[Path], Disk] | None = None,
         ticks_per_sample: int = 1,
     ) -> None:
         self.vehicle = vehicle
         self.said = "not recording"
         self._limits = limits
         self._about = {**about, "vehicle": vehicle}
-        self._free = free_bytes or _free_bytes
-        self._disk = disk or Disk
         self._file: Recording | None = None
         self._tables: dict[str, Mapping[str, str]] = {}
         self._messages = self._left_out = 0
@@ -83,11 +79,6 @@ class DiveRecorder:
         self._raw_key = telemetry.key(vehicle, "raw")
         self._own = f"holdfast/{vehicle}/"
         self._channels = _channels(vehicle)
-
-    @property
-    def recording(self) -> bool:
-        """Whether a file is open."""
-        return self._file is not None
 
     def stop(self, why: str = "stopped when asked") -> None:
         """Finish the file."""
@@ -150,7 +141,7 @@ class DiveRecorder:
 
     def _short_of_room(self) -> str:
         """Return in words that too little is free; empty where there is enough."""
-        free, reserve = self._free(self._limits.directory), self._limits.reserve_bytes
+        free, reserve = _free_bytes(self._limits.directory), self._limits.reserve_bytes
         return f"{free // MB} MB free, and {reserve // MB} MB stay free" if free < reserve else ""
 
     def status(self, now_s: float, dropped: int) -> telemetry.Recorder:
@@ -165,7 +156,7 @@ class DiveRecorder:
             size_bytes=file.size_bytes if file else 0,
             messages=self._messages,
             dropped=dropped,
-            free_bytes=self._free(self._limits.directory),
+            free_bytes=_free_bytes(self._limits.directory),
             said=self.said,
             lost=self._losses.lost,
             left_out=self._left_out,
@@ -213,7 +204,7 @@ class DiveRecorder:
                 self.said = f"not recording: {directory} has {short}"
                 return False
             path = _unused(directory, self.vehicle, utc_ns)
-            self._file = Recording(path, self._disk(path), self._channels)
+            self._file = Recording(path, self._channels)
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
                 self._file.describe(name, table)
@@ -304,7 +295,6 @@ def _utc(utc_ns: int) -> datetime:
 
 def _free_bytes(directory: Path) -> int:
     try:
-        disk = os.statvfs(directory)
+        return shutil.disk_usage(directory).free
     except OSError:
         return 0
-    return disk.f_bavail * disk.f_frsize

@@ -18,7 +18,7 @@ from waiting import until
 from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.mcap_file import Disk, Reader
+from dashboard.recording.mcap_file import Reader, Recording
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
 from dashboard.zenoh_client import Subscription
@@ -125,18 +125,11 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
     assert {heard["holdfast/kelp-replay/state"], heard["holdfast/kelp-replay/dof/z"]} <= payloads
 
 
-class SlowDisk(Disk):
-    """Takes a tenth of a second for every write: as slow as the data, about."""
-
-    def write(self, data: bytes) -> int:
-        time.sleep(0.1)
-        return super().write(data)
-
-
 def test_a_slow_recorder_delays_nobody(
     tmp_path: Path, make_sample: Callable[..., ControlSample], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("dashboard.recording.recorder.Disk", SlowDisk)
+    add = Recording.add
+    monkeypatch.setattr(Recording, "add", lambda *sample: (time.sleep(0.002), add(*sample)))  # as they come
     zenoh = f"tcp/127.0.0.1:{free_port()}"
     stop = threading.Event()
     offered: list[float] = []

@@ -123,7 +123,7 @@ def test_the_recorder_goes_on(genuine: list[Sample], tmp_path: Path) -> None:
 
 
 def recorder(directory: Path) -> DiveRecorder:
-    kept = DiveRecorder("kelp", FileLimits(directory), {}, free_bytes=lambda _: 10**12)
+    kept = DiveRecorder("kelp", FileLimits(directory, reserve_bytes=1), {})
     assert kept.start(UTC_NS)
     return kept
 

@@ -1,9 +1,12 @@
 """A recording keeps what came, plots as it is, and gives back all but a cut end."""
 
 import json
+import resource
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -17,19 +20,17 @@ from dashboard.recording.mcap_file import (
     FREE_BYTES,
     MAGIC,
     MAX_RATIO,
-    Disk,
     Item,
     Reader,
     Recording,
+    repair,
     schema_of,
 )
 from dashboard.recording.record import main as record_main
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from dashboard.recording.repair import repair
 
 MakeSample = Callable[..., ControlSample]
 UTC_NS = 1_795_000_000_000_000_000
-PLENTY = 10**12
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def written(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> Path:
 
 
 def recorder(directory: Path, **limits: Any) -> DiveRecorder:
-    return DiveRecorder("kelp", FileLimits(directory, **limits), {"git": "abc"}, free_bytes=lambda _: PLENTY)
+    return DiveRecorder("kelp", FileLimits(directory, **({"reserve_bytes": 1} | limits)), {"git": "abc"})
 
 
 def feed(recorder: DiveRecorder, ticks: list[list[tuple[str, str, bytes]]], begin: int = 0) -> None:
@@ -231,31 +232,23 @@ def test_a_new_file_begins_by_size(tmp_path: Path, ticks: list[list[tuple[str, s
     assert all(reader.metadata["holdfast"]["git"] == "abc" for reader in readers)
 
 
-class FullDisk(Disk):
-    """Has no room after so many bytes."""
-
-    room = 40_000
-
-    def write(self, data: bytes) -> int:
-        if self.tell() + len(data) > self.room:
-            raise OSError(28, "No space left on device")
-        return super().write(data)
-
-
 def test_a_full_disk_ends_the_recording_and_nothing_else(
     tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
 ) -> None:
-    kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: PLENTY, disk=FullDisk)
+    """A limit of a file's size stands for the disk."""
+    kept = recorder(tmp_path)
     kept.start(UTC_NS)
-    for second in range(10):
-        feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
-        kept.each_second(0)
-    assert not kept.recording
-    assert "No space left on device" in kept.said
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
+    try:
+        for second in range(10):
+            feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
+            kept.each_second(0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert "File too large" in kept.said
     assert "record --repair" in kept.said
-    status = kept.status(10.0, 0)
-    assert not status.recording
-    assert status.said == kept.said
+    assert not kept.status(10.0, 0).recording
     kept.stop()
     (path,) = tmp_path.glob("*.mcap")
     reader = Reader(path)
@@ -263,12 +256,15 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     assert reader.lost_bytes == 0
 
 
-def test_a_reserve_stays_free(tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]) -> None:
-    free = 1_000_000_000
-    kept = DiveRecorder("kelp", FileLimits(tmp_path), {}, free_bytes=lambda _: free)
+def test_a_reserve_stays_free(
+    tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SimpleNamespace(free=1_000_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: disk)
+    kept = recorder(tmp_path, reserve_bytes=500_000_000)
     assert kept.start(UTC_NS)
     feed(kept, ticks)
-    free = 499_000_000
+    disk.free = 499_000_000
     kept.each_second(UTC_NS)
     assert "499 MB free, and 500 MB stay free" in kept.said
     (path,) = tmp_path.glob("*.mcap")
