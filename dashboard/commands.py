@@ -1,6 +1,5 @@
 """The dashboard's subcommands. Each is imported when it is called: `holdfast --help` names them all."""
 
-import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from types import MappingProxyType
@@ -19,25 +18,12 @@ def _command(
     return command
 
 
-def dashboard(argv: list[str]) -> int:
-    """Serve a web page with plots, horizon, events and tuning."""
-    from dashboard.web.options import settings
-
-    try:
-        wanted = settings(argv)
-    except ValueError as error:
-        sys.stderr.write(f"holdfast dashboard: {error}\n")
-        return 2
-    from dashboard.web.app import main
-
-    return main(wanted)
-
-
 def _order(name: str, purpose: str, command: str, **what: object) -> Callable[[list[str]], int]:
     order = {"name": name, "purpose": purpose, "command": command, "what": what}
     return _command("terminal.tell", "order", purpose, order)
 
 
+dashboard = _command("web.command", "main", "Serve a web page with plots, horizon, events and tuning.")
 watch = _command("terminal.watch", "main", "Show a vehicle's state in the terminal, live over Zenoh.")
 engage = _order("engage", "Let Holdfast take control, and hold the vehicle where it is.", "engage")
 release = _order("release", "Give every axis back to the pilot, at once.", "release")

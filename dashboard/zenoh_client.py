@@ -1,6 +1,6 @@
 """A Zenoh client that waits for its server and returns to it. A ring keeps the newest data alone."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import islice
 from typing import NamedTuple
@@ -100,7 +100,7 @@ class Subscription(SessionThread):
                 return [_message(sample) for sample in islice(samples, most)]
         return []
 
-    def tell(self, vehicle: str, command: str, what: Mapping[str, object]) -> telemetry.Reply:
+    def tell(self, vehicle: str, command: str, what: object) -> telemetry.Reply:
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
         answer = self.ask(telemetry.key(vehicle, "command", command), msgspec.json.encode(what))
         if answer is None:

@@ -1,13 +1,9 @@
-"""`holdfast dashboard`: one Zenoh client for any number of browsers. Its only asyncio and its only clock."""
+"""The web application: one Zenoh client for any number of browsers."""
 
 import asyncio
-import errno
-import logging
-import signal
 import socket
-import sys
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -21,13 +17,11 @@ from companion.telemetry.commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
 from dashboard.vehicles import MOST_VEHICLES, Vehicle
 from dashboard.web import cockpit, connections, gate, vocabulary
-from dashboard.web.columns import COLUMNS
-from dashboard.web.connections import BACKLOG, Connection, Connections, is_ours, most_crowded
+from dashboard.web.connections import Connection, most_crowded
 from dashboard.web.fleet import Histories, VehicleHistory
-from dashboard.web.options import DashboardOptions, announcement
-from dashboard.web.ring import next_row
+from dashboard.web.rows import COLUMNS
 from dashboard.zenoh_client import Subscription
-from holdfast import own_version, port_taken
+from holdfast import own_version
 
 BEAT_S = 0.025  # 40 frames a second, for plots
 STATUS_S = 0.15  # a third of STALE_S of the page
@@ -68,12 +62,13 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class Dashboard:
     """Zenoh in, web pages out."""
 
-    def __init__(self, settings: DashboardOptions) -> None:
-        self._settings = settings
-        self._names = ("localhost", *settings.names)
+    def __init__(self, endpoint: str, names: Collection[str], token: str) -> None:
+        """Answer to `names` besides numbers; without `token` nothing can be sent."""
+        self._names = ("localhost", *names)
+        self._secret = token
         self._fleet = Histories()
-        self._telemetry = Subscription("holdfast/*/**", settings.endpoint)
-        self._truth = Subscription("sim/*/truth", settings.endpoint)
+        self._telemetry = Subscription("holdfast/*/**", endpoint)
+        self._truth = Subscription("sim/*/truth", endpoint)
         self._beat = asyncio.Event()
         self._browsers: dict[Connection, web.WebSocketResponse] = {}
         """The oldest first."""
@@ -197,7 +192,7 @@ class Dashboard:
 
     async def _feed(self, socket_: web.WebSocketResponse, name: str) -> None:
         """Send what is new, as fast as the browser takes it: what it missed for too long it never gets."""
-        hello = {"columns": COLUMNS, "control": bool(self._settings.token)}
+        hello = {"columns": COLUMNS, "control": bool(self._secret)}
         await socket_.send_str(message_text(hello=hello))
         news: News | None = None
         status_s, said = 0.0, ""
@@ -218,15 +213,15 @@ class Dashboard:
 
     def _status(self, vehicle: VehicleHistory | None, now_s: float) -> str:
         """Return what is said of the fleet and the vehicle, and what to show if nothing new comes."""
-        endpoint = self._settings.endpoint
+        endpoint = self._telemetry.endpoint
         status = {"now_s": now_s, "endpoint": endpoint, "vehicles": self._fleet.briefs(now_s)}
         status["silence"] = (vehicle or NOBODY).silence(endpoint, connected=self._telemetry.connected)
         return message_text(status=status | (vehicle.status(now_s) if vehicle else {"vehicle": None}))
 
     def _refusal(self, request: web.Request) -> web.Response | None:
-        if not self._settings.token:
+        if not self._secret:
             return _reply(403, _READ_ONLY)
-        if not gate.token_is_right(request.headers.get("Authorization"), self._settings.token):
+        if not gate.token_is_right(request.headers.get("Authorization"), self._secret):
             return _reply(401, "the token is not the one that `holdfast dashboard` was started with")
         return None
 
@@ -245,15 +240,9 @@ class Dashboard:
             wanted = parse(command, await request.read() or b"{}")
         except ValueError as error:
             return _reply(400, str(error))
-        key = telemetry.key(name, "command", command)
-        answer = await self._ask(self._telemetry.ask, key, msgspec.json.encode(wanted))
+        reply = await self._ask(self._telemetry.tell, name, command, wanted)
         self._config_asked_s.pop(name, None)
-        if answer is None:
-            return _reply(504, f"nobody answered '{command}' for '{name}'")
-        try:
-            return _reply_as(200, msgspec.json.decode(answer, type=telemetry.Reply))
-        except (msgspec.MsgspecError, RecursionError) as error:
-            return _reply(502, f"'{name}' answered '{command}' with no Reply: {error}")
+        return _reply_as(200, reply)
 
 
 class News:
@@ -270,8 +259,8 @@ class News:
         ring = self.vehicle.ring
         if ring.epoch != self._epoch:
             self._epoch, self._row, self._event = ring.epoch, 0, 0
-        elif self._row:
-            self._row = next_row(self._row, ring.end, MOST_BEHIND)
+        elif ring.end - self._row > MOST_BEHIND and self._row:
+            self._row = ring.end - 1
         while ring.epoch == self._epoch and (frame := ring.frame(self._row, MOST_BEHIND)):
             self._row = frame.end
             yield frame.data
@@ -342,59 +331,3 @@ def _reply(status: int, said: str, *, done: bool = False) -> web.Response:
 
 def _reply_as(status: int, reply: telemetry.Reply) -> web.Response:
     return web.Response(status=status, body=msgspec.json.encode(reply), content_type="application/json")
-
-
-async def serve(settings: DashboardOptions, stop: asyncio.Event, listening: Callable[[int], None]) -> None:
-    """Serve until `stop`; tell `listening` the port. Raises OSError where it is taken."""
-    runner = web.AppRunner(Dashboard(settings).application(), access_log=None, shutdown_timeout=1.0)
-    await runner.setup()
-    assert runner.server is not None
-    connections = Connections(runner.server)
-    listeners: list[socket.socket] = []
-    try:
-        listeners += _listeners(settings.host, settings.port)
-        async with asyncio.TaskGroup() as tasks:
-            accepting = [tasks.create_task(connections.accept(listener)) for listener in listeners]
-            listening(listeners[0].getsockname()[1])
-            await stop.wait()
-            for task in accepting:
-                task.cancel()
-    finally:
-        for listener in listeners:
-            listener.close()
-        await runner.cleanup()
-
-
-def _listeners(host: str, port: int) -> Iterator[socket.socket]:
-    """Listen on every address of a host: `localhost` has two."""
-    for family, *_, address in dict.fromkeys(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)):
-        listener = socket.create_server(address[:2], family=family, backlog=BACKLOG)
-        listener.setblocking(False)
-        yield listener
-
-
-async def _serve(settings: DashboardOptions) -> None:
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
-
-    def announce(port: int) -> None:
-        sys.stdout.write(announcement(settings, port, terminal=sys.stdout.isatty()) + "\n")
-        sys.stdout.flush()
-
-    await serve(settings, stop, announce)
-
-
-def main(settings: DashboardOptions) -> int:
-    """Serve until SIGINT or SIGTERM; return the exit status."""
-    log = logging.StreamHandler()
-    log.addFilter(is_ours)
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
-    try:
-        asyncio.run(_serve(settings))
-    except OSError as error:
-        if error.errno != errno.EADDRINUSE:
-            raise
-        sys.stderr.write(f"holdfast dashboard: {port_taken('tcp', settings.port)} with --listen\n")
-        return 1
-    return 0

@@ -1,13 +1,12 @@
 """Who may stay connected, and how much of it is logged: half-finished requests stop nobody.
 
 aiohttp ends a connection that waits for a request, but not one whose body never comes or whose answer nobody
-reads. asyncio's own server accepts all that come; without a free file it logs and tries again, in growing
-numbers. `Connections.accept` takes its place.
+reads. One connection too many takes the place of another. Nobody is refused for their address: behind a
+proxy, such as BlueOS's, all browsers have the same.
 """
 
 import asyncio
 import logging
-import socket
 from collections import Counter
 from collections.abc import Collection
 
@@ -20,54 +19,17 @@ PATIENCE_S = 12.0
 """For a request to arrive, and from there for its answer and the next: a command takes 8 s at most."""
 LINGER_S = 1.0  # for what is still sent of a refused request
 MOST_HEADERS = 64  # browsers send about twenty
-BACKLOG = 128  # as MOST
-AGAIN_S = 0.1
-"""After a connection could not be accepted."""
-
-_log = logging.getLogger(__name__)
-
-
-class Connections:
-    """All connections of a server. One too many takes the place of another.
-
-    Nobody is refused for their address: behind a proxy, such as BlueOS's, all browsers have the same. What
-    gives way is the oldest connection without a whole request, of the address that has the most of them.
-    """
-
-    def __init__(self, server: web.Server) -> None:
-        self.server = server
-        self.open: dict[Connection, None] = {}
-        """The oldest first; without WebSockets, which have a limit of their own."""
-
-    def make_room(self) -> None:
-        """Drop one connection."""
-        waiting = [connection for connection in self.open if not connection.asked]
-        if self.open:
-            most_crowded(waiting or self.open).drop()
-
-    async def accept(self, listener: socket.socket) -> None:
-        """Take connections for ever; close nothing but them."""
-        loop, told = asyncio.get_running_loop(), ""
-        while True:
-            try:
-                line, _ = await loop.sock_accept(listener)
-                await loop.connect_accepted_socket(lambda: Connection(self), line)
-            except ConnectionError:
-                continue  # it has gone already
-            except OSError as error:
-                if str(error) != told:  # a flood of them is told once
-                    _log.warning("no connection can be accepted: %s", error)
-                told = str(error)
-                self.make_room()
-                await asyncio.sleep(AGAIN_S)
 
 
 class Connection(web.RequestHandler):
-    """One connection; it ends where no whole request comes in time."""
+    """One connection; it ends where no whole request comes in time.
 
-    def __init__(self, connections: Connections) -> None:
+    `others` are all that are open, the oldest first; without WebSockets, which have a limit of their own.
+    """
+
+    def __init__(self, server: web.Server, others: "dict[Connection, None]") -> None:
         super().__init__(
-            connections.server,
+            server,
             loop=asyncio.get_running_loop(),
             access_log=None,  # type: ignore[arg-type]
             keepalive_timeout=PATIENCE_S,
@@ -77,16 +39,17 @@ class Connection(web.RequestHandler):
         self.address = ""
         self.asked = False
         """A whole request came."""
-        self._connections = connections
+        self._others = others
         self._end: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take a place, and another's if there is none."""
+        """Take a place; where there is none, that of the oldest without a whole request."""
         super().connection_made(transport)
-        if len(self._connections.open) >= MOST:
-            self._connections.make_room()
+        if len(self._others) >= MOST:
+            waiting = [connection for connection in self._others if not connection.asked]
+            most_crowded(waiting or self._others).drop()
         self.address = (transport.get_extra_info("peername") or ("",))[0]
-        self._connections.open[self] = None
+        self._others[self] = None
         self.ends_within(PATIENCE_S)
 
     def connection_lost(self, exc: BaseException | None) -> None:
@@ -113,7 +76,7 @@ class Connection(web.RequestHandler):
 
     def stay(self) -> None:
         """Let it be, such as a WebSocket: it has a heartbeat, and its number is limited elsewhere."""
-        self._connections.open.pop(self, None)
+        self._others.pop(self, None)
         if self._end is not None:
             self._end.cancel()
 

@@ -12,8 +12,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import on_engaging, on_page
 from companion.telemetry.schemas import EVERY_TICK, Choices, Dof, Event, Loop, Plan, Recorder, Schema, State
 from dashboard.vehicles import RESTART_S, Fleet, Vehicle
-from dashboard.web.columns import COLUMNS, empty_row, fill, fill_truth
-from dashboard.web.ring import Ring
+from dashboard.web.rows import Ring, empty_row, fill, fill_truth
 from dashboard.zenoh_client import Message
 
 HISTORY_S = 120.0  # four windows of the page's plots; 4 MB
@@ -45,7 +44,7 @@ class VehicleHistory(Vehicle):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        self.ring = Ring(ROWS, len(COLUMNS))
+        self.ring = Ring(ROWS)
         self.config: dict[str, Any] | None = None
         self.choices = Choices(compensator=())
         self.config_version = 0

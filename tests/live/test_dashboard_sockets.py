@@ -15,9 +15,9 @@ from waiting import in_a_loop
 from companion.telemetry.schemas import Reply
 from dashboard.vehicles import MOST_VEHICLES
 from dashboard.web import app, connections
-from dashboard.web.columns import empty_row
+from dashboard.web.command import DashboardOptions, serve
 from dashboard.web.fleet import ROWS, Histories, VehicleHistory
-from dashboard.web.options import DashboardOptions
+from dashboard.web.rows import empty_row
 from dashboard.zenoh_client import Subscription
 from lab.ports import free_port
 
@@ -36,7 +36,7 @@ async def served(token: str = "") -> AsyncIterator[Opened]:
     settings = DashboardOptions("127.0.0.1", 0, (), f"tcp/127.0.0.1:{free_port()}", token=token)
     stop = asyncio.Event()
     port: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(app.serve(settings, stop, port.set_result))
+    serving = asyncio.create_task(serve(settings, stop, port.set_result))
     address = f"http://127.0.0.1:{await port}"
     async with AsyncExitStack() as stack:
 

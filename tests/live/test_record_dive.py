@@ -18,7 +18,7 @@ from waiting import until
 from companion.io.zenoh_publisher import Publisher
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.mcap_file import Reader, Recording
+from dashboard.recording.mcap_file import Item, Reader, Recording
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
 from dashboard.zenoh_client import Subscription
@@ -129,7 +129,13 @@ def test_a_slow_recorder_delays_nobody(
     tmp_path: Path, make_sample: Callable[..., ControlSample], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     add = Recording.add
-    monkeypatch.setattr(Recording, "add", lambda *sample: (time.sleep(0.002), add(*sample)))  # as they come
+
+    def slowly(recording: Recording, item: Item) -> None:
+        """About as slow as they come."""
+        time.sleep(0.002)
+        add(recording, item)
+
+    monkeypatch.setattr(Recording, "add", slowly)
     zenoh = f"tcp/127.0.0.1:{free_port()}"
     stop = threading.Event()
     offered: list[float] = []

@@ -11,7 +11,7 @@ from companion.config import AxisSection
 from companion.records import State
 from companion.telemetry.commands import parse
 from dashboard.web import gate, vocabulary
-from dashboard.web.options import announcement, settings
+from dashboard.web.command import announcement, settings
 from holdfast import validation
 
 NAMES = ("localhost", "blueos.local")

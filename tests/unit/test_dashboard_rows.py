@@ -14,9 +14,9 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard import vehicles
-from dashboard.web.columns import COLUMNS
-from dashboard.web.fleet import Histories
-from dashboard.web.ring import Frame, Ring, next_row
+from dashboard.web.app import MOST_BEHIND, News
+from dashboard.web.fleet import Histories, VehicleHistory
+from dashboard.web.rows import COLUMNS, Frame, Ring, empty_row
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
@@ -24,7 +24,7 @@ MOST = 99
 
 
 def test_a_ring_keeps_the_newest_rows_in_order_and_numbers_them_on() -> None:
-    ring = Ring(4, 2)
+    ring = Ring(4)
     assert ring.frame(0, MOST) is None
     for number in range(11):
         ring.append(float(number), [number, -number])
@@ -42,9 +42,15 @@ def test_a_ring_keeps_the_newest_rows_in_order_and_numbers_them_on() -> None:
     assert _unpack(ring.frame(0, MOST))[:2] == (1, 11)
 
 
-@pytest.mark.parametrize(("cursor", "first"), [(100, 100), (90, 90), (89, 99), (0, 99)])
-def test_who_falls_too_far_behind_gets_the_present(cursor: int, first: int) -> None:
-    assert next_row(cursor, end=100, most_behind=10) == first
+@pytest.mark.parametrize("missed", [MOST_BEHIND, MOST_BEHIND + 1])
+def test_who_falls_too_far_behind_gets_the_present(missed: int) -> None:
+    vehicle = VehicleHistory("kelp")
+    news = News(vehicle)
+    for count in (1, missed):
+        for _ in range(count):
+            vehicle.ring.append(float(vehicle.ring.end), empty_row())
+        rows = [struct.unpack_from("<I", frame, 16)[0] for frame in news.frames()]
+    assert rows == [missed if missed <= MOST_BEHIND else 1]
 
 
 def test_a_tick_becomes_one_row_of_what_it_said(make_sample: MakeSample) -> None:

@@ -28,7 +28,7 @@ export class Store {
     return this.empty ? NaN : this.t[this.end - 1];
   }
 
-  // A binary frame of the server: see Ring.frame in dashboard/web/ring.py.
+  // A binary frame of the server: see Ring.frame in dashboard/web/rows.py.
   take(buffer) {
     const view = new DataView(buffer);
     const epoch = view.getUint32(4, true);

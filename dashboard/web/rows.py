@@ -1,8 +1,12 @@
-"""One tick as a row of numbers: what the web page plots, a column each. No clock, no socket."""
+"""One tick as a row of numbers, the last rows of one vehicle, and the frames that a browser gets of them."""
 
 import math
+import struct
+from array import array
+from collections import deque
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import NamedTuple
 
 from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, State
 
@@ -44,6 +48,8 @@ _TRUE = _PLACES[TRUE_D[0]]
 _LEAST_ERROR = 1e-9
 """m or rad: below, the quotient is rounding."""
 
+_HEADER = struct.Struct("<IIdII")  # kind 1, epoch, number of the first row, rows, columns
+
 
 def empty_row() -> list[float]:
     """Return a row of which nothing is known: NaN everywhere."""
@@ -59,22 +65,58 @@ def fill(row: list[float], record: Schema) -> None:
     first = _PLACES.get(prefix + names[0])
     if first is None:
         return  # a degree of freedom that we do not know
-    row[first : first + len(names)] = _GET[type(record)](record)
-    for name in record.absent:
-        if name in names:
-            row[first + names.index(name)] = math.nan
-    if (
-        isinstance(record, Dof)
-        and abs(record.e) > _LEAST_ERROR
-        and not {"e", "e_dot", "eps"} & set(record.absent)
-    ):
-        row[_PLACES[f"{record.dof}.lambda_per_s"]] = (record.eps - record.e_dot) / record.e
-    if isinstance(record, Loop):
-        for index in range(first, first + len(names)):
-            if row[index] >= NEVER_S:
-                row[index] = math.nan
+    never_s = NEVER_S if isinstance(record, Loop) else math.inf
+    for place, (name, value) in enumerate(zip(names, _GET[type(record)](record), strict=True), first):
+        row[place] = math.nan if name in record.absent or value >= never_s else value
+    if isinstance(record, Dof) and abs(record.e) > _LEAST_ERROR:
+        e, e_dot, eps = row[first : first + 3]
+        row[_PLACES[f"{prefix}lambda_per_s"]] = (eps - e_dot) / e
 
 
 def fill_truth(row: list[float], disturbance: Sequence[float]) -> None:
     """Put the simulator's disturbance in: six numbers, NED force and body moment, of the other sign."""
     row[_TRUE : _TRUE + 4] = [-disturbance[index] for index in (0, 1, 2, 5)]
+
+
+class Frame(NamedTuple):
+    """Rows as bytes, see `Ring.frame`; `end` is the number of the row after them."""
+
+    data: bytes
+    end: int
+
+
+class Ring:
+    """The newest `capacity` rows, each with its time. They are numbered from 0 on for ever."""
+
+    def __init__(self, capacity: int) -> None:
+        self.end = 0
+        """Number of the row that comes next."""
+        self.epoch = 0
+        """Counts the restarts of the time."""
+        self._rows: deque[tuple[float, bytes]] = deque(maxlen=capacity)
+
+    def append(self, t_s: float, row: Sequence[float]) -> None:
+        """Add a row; the oldest gives way."""
+        self._rows.append((t_s, array("f", row).tobytes()))
+        self.end += 1
+
+    def restart(self) -> None:
+        """Forget all rows: another time begins."""
+        self._rows.clear()
+        self.epoch += 1
+
+    def frame(self, start: int, most: int) -> Frame | None:
+        """Return the rows from number `start` on that are still there, at most `most`; None for none.
+
+        Little endian: u32 1, u32 epoch, f64 number of the first row, u32 rows, u32 columns, f64 time (s) of
+        each row, f32 each row's numbers.
+        """
+        oldest = self.end - len(self._rows)
+        start = max(start, oldest)
+        end = min(start + most, self.end)
+        if start >= end:
+            return None
+        rows = [self._rows[number - oldest] for number in range(start, end)]
+        header = _HEADER.pack(1, self.epoch, float(start), len(rows), len(rows[0][1]) // 4)
+        times = array("d", (t_s for t_s, _ in rows)).tobytes()
+        return Frame(header + times + b"".join(row for _, row in rows), end)

@@ -1,11 +1,21 @@
-"""The command line of `holdfast dashboard`."""
+"""The command line of `holdfast dashboard`, and the server that it starts."""
 
+import asyncio
+import errno
+import logging
 import secrets
+import signal
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from aiohttp import web
+
 from dashboard.arguments import WHERE, add_connect, listen_address
-from holdfast import files
+from dashboard.web import connections
+from dashboard.web.app import Dashboard
+from holdfast import files, port_taken
 from holdfast.arguments import command_parser, removed_option
 
 SHORTEST_TOKEN = 16  # 64 bits in hex digits
@@ -86,3 +96,56 @@ def _token(file: Path) -> str:
             "`openssl rand -hex 16` makes some"
         )
     return token
+
+
+async def serve(options: DashboardOptions, stop: asyncio.Event, listening: Callable[[int], None]) -> None:
+    """Serve until `stop`; tell `listening` the port. Raises OSError where it is taken."""
+    dashboard = Dashboard(options.endpoint, options.names, options.token)
+    runner = web.AppRunner(dashboard.application(), access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    http, opened = runner.server, dict[connections.Connection, None]()
+    assert http is not None
+    try:
+        server = await asyncio.get_running_loop().create_server(
+            lambda: connections.Connection(http, opened),
+            options.host,
+            options.port,
+            backlog=connections.MOST,
+        )
+        listening(server.sockets[0].getsockname()[1])
+        await stop.wait()
+        server.close()
+    finally:
+        await runner.cleanup()
+
+
+async def _serve(options: DashboardOptions) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+
+    def announce(port: int) -> None:
+        sys.stdout.write(announcement(options, port, terminal=sys.stdout.isatty()) + "\n")
+        sys.stdout.flush()
+
+    await serve(options, stop, announce)
+
+
+def main(argv: list[str]) -> int:
+    """Serve until SIGINT or SIGTERM; return the exit status."""
+    try:
+        options = settings(argv)
+    except ValueError as error:
+        sys.stderr.write(f"holdfast dashboard: {error}\n")
+        return 2
+    log = logging.StreamHandler()
+    log.addFilter(connections.is_ours)
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", handlers=[log])
+    try:
+        asyncio.run(_serve(options))
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        sys.stderr.write(f"holdfast dashboard: {port_taken('tcp', options.port)} with --listen\n")
+        return 1
+    return 0
