@@ -8,10 +8,9 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from waiting import until
 from companion.records import State
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
+from lab.operations.processes import HOLDFAST, running
 from lab.ports import free_port
 
 STALE_WITHIN_S = 1.0
@@ -77,7 +77,6 @@ PURE: list[tuple[str, str, Any]] = [
         ".map(m.rowText)",
         ["Holding: engaged", "Silent · for 2.0 s"],  # the newest first
     ),
-    ("plots", "m.shaded([1, 1, 0], [0, 0.1, 0.2], 0)", [0, 0.2, 1]),
     ("plots", "m.shaded([1, NaN, 1, 0], [0, 0.001, 9, 9.1], 0)", [0, 0, 0]),  # not through a gap
     (
         "panels",
@@ -101,7 +100,6 @@ PURE: list[tuple[str, str, Any]] = [
     ),
 ]
 """What plain functions of the page give: module, expression, value."""
-PROGRAM = "import sys, holdfast; sys.exit(holdfast.main(sys.argv[1:]))"
 CHROMIUM = shutil.which("chromium") or ""
 ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking"]
 
@@ -114,63 +112,43 @@ pytestmark = pytest.mark.alone  # Chromium takes more than a core
 class Dive:
     """A vehicle, its companion and two dashboards: one that may command, one that is read-only."""
 
-    def __init__(self, folder: Path) -> None:
-        self.zenoh = f"tcp/127.0.0.1:{free_port()}"
-        self._mavlink = free_port(socket.SOCK_DGRAM)
-        self._folder = folder
-        self._all: list[subprocess.Popen[bytes]] = []
-        self.token = folder / "token"
-        self.token.write_text(TOKEN)
+    def __init__(self, processes: ExitStack, token: Path) -> None:
+        self._processes, self.token = processes, token
+        token.write_text(TOKEN)
+        self.zenoh, self._link = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
         self.port, self.looking_port = free_port(), free_port()
-        self._dashboard = ("dashboard", "--connect", self.zenoh, "--listen")
-        self._control = ("--allow-control", "--token-file", str(self.token))
-        self.companion = self.start_companion()
-        self.server = self.start_dashboard()
-        self._start(*self._dashboard, f"127.0.0.1:{self.looking_port}")
-        link = ("--udp-connect", f"127.0.0.1:{self._mavlink}", "--zenoh", self.zenoh)
-        self.vehicle = self._start("sim", *link, "--name", "kelp", "--set", "waves.enabled=true")
+        self.start_companion()
+        self.start_dashboard()
+        self._start("dashboard", "--connect", self.zenoh, "--listen", f"127.0.0.1:{self.looking_port}")
+        link = ("--udp-connect", self._link, "--zenoh", self.zenoh, "--name", "kelp")
+        self.vehicle = self._start("sim", *link, "--set", "waves.enabled=true")
 
-    def start_companion(self) -> subprocess.Popen[bytes]:
-        self.companion = self._start(
-            *("run", "--engage", "--arm", "--depth", "1", "--heading", "20", "--allow-control"),
-            *("--set", f"link.endpoint=udp-listen:127.0.0.1:{self._mavlink}", "--set", "vehicle.name=kelp"),
-            *("--set", f"telemetry.endpoint={self.zenoh}"),
-            *(word for limit in PATIENT for word in ("--set", f"supervisor.{limit}")),
+    def start_companion(self) -> None:
+        settings = (
+            *(f"link.endpoint=udp-listen:{self._link}", f"telemetry.endpoint={self.zenoh}"),
+            *("vehicle.name=kelp", *(f"supervisor.{limit}" for limit in PATIENT)),
         )
-        return self.companion
+        options = ("--engage", "--arm", "--depth", "1", "--heading", "20", "--allow-control")
+        self.companion = self._start("run", *options, *(f"--set={setting}" for setting in settings))
 
-    def start_dashboard(self) -> subprocess.Popen[bytes]:
-        self.server = self._start(*self._dashboard, f"127.0.0.1:{self.port}", *self._control)
-        return self.server
+    def start_dashboard(self) -> None:
+        control = ("--allow-control", "--token-file", str(self.token))
+        self.server = self._start(
+            "dashboard", "--connect", self.zenoh, "--listen", f"127.0.0.1:{self.port}", *control
+        )
 
-    def close(self) -> None:
-        for process in self._all:
-            with suppress(ProcessLookupError):
-                process.send_signal(signal.SIGCONT)
-                process.terminate()
-        for process in self._all:
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(4.0)
-            process.kill()
-            process.wait()
-
-    def _start(self, *arguments: str) -> subprocess.Popen[bytes]:
-        with (self._folder / f"{len(self._all)}-{arguments[0]}.log").open("wb") as log:
-            line = [sys.executable, "-c", PROGRAM, *arguments]
-            self._all.append(subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=log, stderr=log))
-        return self._all[-1]
+    def _start(self, *arguments: str) -> subprocess.Popen[str]:
+        return self._processes.enter_context(running(*HOLDFAST, *arguments))
 
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dive]:
     assert CHROMIUM, "chromium is missing, and CI wants these tests: .ci/apt brings it"
-    dive = Dive(tmp_path_factory.mktemp("dive"))
-    try:
+    with ExitStack() as processes:
+        dive = Dive(processes, tmp_path_factory.mktemp("dive") / "token")
         for port in (dive.port, dive.looking_port):
             until(lambda port=port: _answers(port))  # type: ignore[misc]
         yield dive
-    finally:
-        dive.close()
 
 
 @pytest.fixture(scope="module")
@@ -321,24 +299,26 @@ def test_a_bad_token_is_refused(dive: Dive, opened: Callable[..., Page]) -> None
 
 
 def test_strangers_are_kept_out(dive: Dive) -> None:
+    """Which host and origin is ours is in test_dashboard_gate: here that every way in asks."""
     ours = f"127.0.0.1:{dive.port}"
-    assert _request(dive.port, "GET", "/", {"Host": "rebound.example"})[0] == 421
-    assert _request(dive.port, "GET", "/../app.py", {"Host": ours})[0] == 404
-    assert _request(dive.port, "GET", "/static/../app.py", {"Host": ours})[0] == 404
-    assert _request(dive.port, "GET", "/panel/nothing", {"Host": ours})[0] == 404
-    upgrade = {"Host": ours, "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     upgrade["Sec-WebSocket-Key"] = "dGhlIHNhbXBsZSBub25jZQ=="
-    assert _request(dive.port, "GET", "/ws", upgrade)[0] == 403
-    assert _request(dive.port, "GET", "/ws", upgrade | {"Origin": "http://evil.example"})[0] == 403
-    assert _request(dive.port, "GET", "/ws", upgrade | {"Origin": f"http://{ours}"})[0] == 101
-    status, text = _request(dive.port, "GET", "/cockpit_extras.json", {"Host": ours})
-    assert status == 200
-    for widget in json.loads(text)["widgets"]:
+    for path, headers, status in (
+        ("/", {"Host": "rebound.example"}, 421),
+        ("/../app.py", {}, 404),
+        ("/static/../app.py", {}, 404),
+        ("/panel/nothing", {}, 404),
+        ("/ws", upgrade, 403),
+        ("/ws", upgrade | {"Origin": "http://evil.example"}, 403),
+        ("/ws", upgrade | {"Origin": f"http://{ours}"}, 101),
+    ):
+        assert _request(dive.port, "GET", path, headers)[0] == status, (path, headers)
+    extras = json.loads(_request(dive.port, "GET", "/cockpit_extras.json", {})[1])
+    for widget in extras["widgets"]:
         for address in (widget["iframe_url"], widget["iframe_icon"]):
             assert address.startswith(f"http://{ours}/")
-            path = address.removeprefix(f"http://{ours}")
-            assert _request(dive.port, "GET", path, {"Host": ours})[0] == 200
-    assert json.loads(_request(dive.port, "GET", "/register_service", {"Host": ours})[1])["extras"]
+            assert _request(dive.port, "GET", address.removeprefix(f"http://{ours}"), {})[0] == 200
+    assert json.loads(_request(dive.port, "GET", "/register_service", {})[1])["extras"]
 
 
 def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
@@ -595,29 +575,22 @@ def _config(dive: Dive) -> dict[str, Any]:
 
 def _answers(port: int) -> bool:
     try:
-        return _request(port, "GET", "/", {"Host": f"127.0.0.1:{port}"})[0] == 200
+        return _request(port, "GET", "/", {})[0] == 200
     except OSError:
         return False
 
 
 def _post(port: int, path: str, token: str, origin: str | None = "") -> tuple[int, str]:
-    own = f"http://127.0.0.1:{port}"
-    headers = {"Host": own[7:], "Authorization": f"Bearer {token}", "Content-Length": "2"}
+    headers = {"Authorization": f"Bearer {token}"}
     if origin is not None:
-        headers["Origin"] = origin or own
+        headers["Origin"] = origin or f"http://127.0.0.1:{port}"
     return _request(port, "POST", path, headers, b"{}")
 
 
 def _request(
     port: int, method: str, path: str, headers: dict[str, str], body: bytes | None = None
 ) -> tuple[int, str]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-    try:
-        connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
-        for name, value in headers.items():
-            connection.putheader(name, value)
-        connection.endheaders(body)
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10)) as connection:
+        connection.request(method, path, body, headers)
         answer = connection.getresponse()
         return answer.status, "" if answer.status == 101 else answer.read().decode()
-    finally:
-        connection.close()
