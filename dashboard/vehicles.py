@@ -72,11 +72,6 @@ class Vehicle:
         self.t_s = -math.inf
         self._lag = Lag()
 
-    @property
-    def complete(self) -> bool:
-        """Whether something came under every key."""
-        return self.latest.keys() >= EVERY_TICK.keys()
-
     def age_s(self, now_s: float) -> float:
         """How old the newest tick is, what it was held up on its way too; infinite before the first."""
         return max(0.0, now_s - self._heard_s + self._lag_s)
@@ -143,6 +138,12 @@ class Fleet(Generic[V]):
         self._make = make
         self.vehicles: dict[str, V] = {}
         self.trouble = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether somebody was heard, and everybody under every key of a tick."""
+        every = self.vehicles.values()
+        return bool(every) and all(vehicle.latest.keys() >= EVERY_TICK.keys() for vehicle in every)
 
     def take(self, messages: Iterable[Message], now_s: float) -> None:
         """Take what arrived until `now_s`, a monotonic clock of this machine."""

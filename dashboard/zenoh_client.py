@@ -80,9 +80,9 @@ class Subscription(SessionThread):
         return {token.key.split("/")[1] for token in tokens}
 
     def others(self) -> str:
-        """Return in words which vehicles there are; for one that does not answer. Blocks."""
+        """Return in words which vehicles there are. Blocks."""
         names = sorted(self.companions())[:MOST_NAMED]
-        return f"; these are heard: {', '.join(map(telemetry.printable, names))}" if names else "; nobody is"
+        return f"these are heard: {', '.join(map(telemetry.printable, names))}" if names else "none is heard"
 
     def ask(self, key: str, payload: bytes = b"", timeout_s: float = _ANSWER_S) -> bytes | None:
         """Return the answer to a query; None if nobody gave one in time. Blocks."""
@@ -104,7 +104,7 @@ class Subscription(SessionThread):
         """Give a vehicle a command and return what came of it; `done` is false if nobody answered. Blocks."""
         answer = self.ask(telemetry.key(vehicle, "command", command), msgspec.json.encode(what))
         if answer is None:
-            said = f"nobody takes '{command}' for '{vehicle}'{self.others()}"
+            said = f"nobody takes '{command}' for '{vehicle}'; {self.others()}"
             return telemetry.Reply(done=False, said=said)
         try:
             return msgspec.json.decode(answer, type=telemetry.Reply)

@@ -15,7 +15,7 @@ from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
 from dashboard.arguments import PATIENCE_S, add_connect
-from dashboard.zenoh_client import MOST_NAMED, Subscription
+from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
 ALONE_S = 0.3
@@ -126,10 +126,7 @@ def _only_one(seen: Subscription) -> str:
         _wait(lambda: len(seen.companions()) > 1, ALONE_S)
     names = seen.companions()
     if len(names) != 1:
-        listed = ", ".join(map(printable, sorted(names)[:MOST_NAMED]))
-        raise ValueError(
-            f"which vehicle? {f'these are heard: {listed}' if names else 'none is heard'}; name it"
-        )
+        raise ValueError(f"which vehicle? {seen.others()}; name it")
     return names.pop()
 
 
@@ -155,7 +152,7 @@ def _epilog() -> str:
 def _config(seen: Subscription, vehicle: str) -> int:
     answer = seen.ask(telemetry.key(vehicle, "config"))
     if answer is None:
-        sys.stderr.write(f"holdfast tell: nobody answers for '{vehicle}'{seen.others()}\n")
+        sys.stderr.write(f"holdfast tell: nobody answers for '{vehicle}'; {seen.others()}\n")
         return 1
     shown = msgspec.json.format(answer).decode(errors="replace")
     sys.stdout.write("".join(f"{printable(line)}\n" for line in shown.split("\n")))

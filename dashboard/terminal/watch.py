@@ -274,7 +274,7 @@ def _nobody(options: argparse.Namespace, seen: Subscription) -> str:
 
 def _once(options: argparse.Namespace, seen: Subscription, console: Console) -> int:
     fleet, deadline_s = Fleet(Vehicle), time.monotonic() + PATIENCE_S
-    while not _complete(fleet) and time.monotonic() < deadline_s:
+    while not fleet.complete and time.monotonic() < deadline_s:
         fleet.take([*seen.last(), *seen.take()], time.monotonic())  # a replay keeps nothing
         time.sleep(0.02)
     look = Look(fleet, time.monotonic(), seen.connected, options.connect)
@@ -282,17 +282,19 @@ def _once(options: argparse.Namespace, seen: Subscription, console: Console) -> 
         sys.stderr.write(f"holdfast watch: {_nobody(options, seen)}\n")
         return 1
     if options.json:
-        vehicles = [figures_of(vehicle, look.now_s) for vehicle in look.vehicles]
+        vehicles = [
+            {
+                "vehicle": vehicle.name,
+                "age_s": vehicle.age_s(look.now_s),
+                **dict(sorted(vehicle.latest.items())),
+            }
+            for vehicle in look.vehicles
+        ]
         figures = vehicles[0] if len(vehicles) == 1 else {"vehicles": vehicles}
         sys.stdout.write(msgspec.json.format(msgspec.json.encode(figures)).decode() + "\n")
     else:
         console.print(picture(look))
     return 0
-
-
-def _complete(fleet: Fleet[Vehicle]) -> bool:
-    """Tell whether somebody was heard, and everybody under every key."""
-    return bool(fleet.vehicles) and all(vehicle.complete for vehicle in fleet.vehicles.values())
 
 
 def _live(options: argparse.Namespace, seen: Subscription, console: Console) -> int:
@@ -307,9 +309,3 @@ def _live(options: argparse.Namespace, seen: Subscription, console: Console) -> 
                 time.sleep(_REFRESH_S)
         except KeyboardInterrupt:
             return 0 if fleet.vehicles else 1
-
-
-def figures_of(vehicle: Vehicle, now_s: float) -> dict[str, object]:
-    """Return the newest record of each key, as `--json` prints it."""
-    latest = {tail: msgspec.to_builtins(record) for tail, record in sorted(vehicle.latest.items())}
-    return {"vehicle": vehicle.name, "age_s": vehicle.age_s(now_s), **latest}

@@ -74,7 +74,7 @@ def test_watch_goes_on(genuine: list[Sample]) -> None:
     for some in wild(genuine):
         take(some)
     take(genuine)
-    assert fleet.vehicles["kelp"].complete
+    assert fleet.complete
 
 
 def test_the_dashboard_goes_on(genuine: list[Sample]) -> None:

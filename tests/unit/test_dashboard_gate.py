@@ -1,7 +1,6 @@
 """Who may look, who may command, and what may be sent at all."""
 
 import json
-import re
 from pathlib import Path
 from typing import get_type_hints
 
@@ -133,21 +132,3 @@ def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
     assert commands["setpoint"]["depth_m"]["least"] == 0.0
     assert json.loads(said["export const MODES"])["19"] == "MANUAL"
     assert set(json.loads(said["export const STATES"])) == set(State)
-
-
-def test_what_the_pages_modules_import_is_exported() -> None:
-    static = Path(gate.__file__).parent / "static"
-    sources = {path.name: path.read_text(encoding="utf-8") for path in static.glob("*.js")}
-    sources["vocabulary.js"] = vocabulary.module()
-    exported = {
-        name: set(re.findall(r"^export (?:const|(?:async )?function|class) ([\w$]+)", source, re.MULTILINE))
-        for name, source in sources.items()
-    }
-    wanted = {
-        (module, name.strip().partition(" ")[0])
-        for source in sources.values()
-        for names, module in re.findall(r"^import \{([^}]+)\} from \"\./(\w+\.js)\"", source, re.MULTILINE)
-        for name in names.split(",")
-    }
-    assert len(wanted) > 20
-    assert {(module, name) for module, name in wanted if name not in exported[module]} == set()

@@ -91,6 +91,8 @@ def test_ages_are_of_arrival_and_of_the_way(make_sample: MakeSample) -> None:
     assert vehicle.status(19.1)["age_s"] == pytest.approx(8.1)
     seen.take(_messages(make_sample(t_s=12.0)), now_s=21.0)
     assert vehicle.status(21.0)["age_s"] == pytest.approx(0.0)
+    seen.take(_messages(make_sample(t_s=1.0)), now_s=31.0)
+    assert vehicle.status(31.1)["age_s"] == pytest.approx(0.1), "its clock starts again"
 
 
 def test_the_greatest_depth_and_the_time_below_the_surface_are_kept(make_sample: MakeSample) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from companion.records import ControlSample
 from companion.telemetry import samples
@@ -27,7 +28,7 @@ from dashboard.recording.mcap_file import (
     schema_of,
 )
 from dashboard.recording.record import main as record_main
-from dashboard.recording.recorder import DiveRecorder, FileLimits
+from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
 
 MakeSample = Callable[..., ControlSample]
 UTC_NS = 1_795_000_000_000_000_000
@@ -298,14 +299,14 @@ def test_a_file_may_not_unpack_to_more_than_a_recording_does(tmp_path: Path) -> 
     assert reader.unpacked_bytes <= FREE_BYTES + MAX_RATIO * path.stat().st_size < 50 << 20
 
 
-def test_a_chunk_that_says_less_than_it_holds_is_broken(tmp_path: Path, written: Path) -> None:
+def test_a_chunk_that_says_less_than_it_holds_is_broken_and_costs_no_other(written: Path) -> None:
     data = bytearray(written.read_bytes())
     at = data.index(b"zstd", data.index(b"zstd") + 4) - 16  # of the second chunk
     (size,) = struct.unpack_from("<Q", data, at)
     struct.pack_into("<Q", data, at, size // 2)
     written.write_bytes(data)
     reader = Reader(written)
-    assert len(list(reader)) > 0
+    assert len(list(reader)) > 3000
     assert reader.broken_chunks == 1
 
 
@@ -317,3 +318,38 @@ def test_a_folder_that_takes_no_file_is_refused_before_any_vehicle_is_heard(
     with pytest.raises(SystemExit):
         record_main(["--out", str(taken)])
     assert f"--out {taken}: File exists; name a folder that takes files" in capsys.readouterr().err
+
+
+# --- What never came --------------------------------------------------------------------------------------
+
+KEYS = len(telemetry.EVERY_TICK)
+REPORTED = [
+    pytest.param([1, 2, 3, 4], {}, 0, id="all"),
+    pytest.param([900, 901, 1, 2, 3], {}, 0, id="a companion that starts anew"),
+    pytest.param([1, 2, 5], {}, 2 * KEYS, id="two whole ticks"),
+    pytest.param([1, 2, 3], {2: {"dof/x", "dof/psi"}}, 2, id="two keys"),
+    pytest.param([1, 2, 3], {2: {"loop"}}, 1, id="the last key"),
+    pytest.param([1, 2, 3], {1: {"state", "command"}}, 0, id="what left before we were there"),
+]
+
+
+def test_what_a_radio_link_leaves_out_is_not_lost() -> None:
+    losses = Losses(10)
+    for tick in (10, 20, 31, 41, 61, 71):  # a tick came late; one was lost
+        for tail in telemetry.EVERY_TICK:
+            losses.take(tail, tick if tail == "loop" else 0)
+    assert losses.lost == KEYS
+
+
+@pytest.mark.parametrize(("ticks", "missing", "lost"), REPORTED)
+def test_samples_that_never_came_are_counted(
+    ticks: list[int], missing: dict[int, set[str]], lost: int, tmp_path: Path, make_sample: MakeSample
+) -> None:
+    kept = recorder(tmp_path)
+    for tick in ticks:
+        sample = make_sample()
+        sample = replace(sample, loop=replace(sample.loop, tick=tick))
+        for key, encoding, payload in samples.encode(sample, "kelp"):
+            if key.split("/", 2)[2] not in missing.get(tick, set()):
+                kept.take(key, encoding, payload, 0, 0.0)
+    assert kept.status(0.0, 0).lost == lost

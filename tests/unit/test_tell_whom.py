@@ -13,8 +13,8 @@ def sea(monkeypatch):
     heard: list[str] = []
     told: list[tuple[object, ...]] = []
 
-    class Subscription:
-        connected = True
+    class Subscription(tell.Subscription):
+        connected = True  # type: ignore[assignment]
 
         def __init__(self, key_expression, endpoint):
             pass

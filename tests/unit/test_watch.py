@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from io import StringIO
+from unittest.mock import MagicMock
 
 import msgspec
 import pytest
@@ -101,14 +102,6 @@ def test_a_companion_that_died_while_active_leaves_no_armed_vehicle_on_the_scree
     assert "Start `holdfast run`" not in shown
 
 
-@pytest.mark.parametrize(("stamps_s", "old_s"), [((100.0, 101.0), 2.1), ((5000.0, 20.0), 0.1)])
-def test_what_was_held_up_is_old_and_a_clock_that_starts_again_is_not(make_sample, stamps_s, old_s):
-    fleet = Fleet(Vehicle)
-    for t_s, now_s in zip(stamps_s, (7.0, 10.0), strict=True):
-        fleet.take(_messages(make_sample(t_s=t_s)), now_s=now_s)
-    assert fleet.vehicles["kelp"].age_s(10.1) == pytest.approx(old_s)
-
-
 def test_one_vehicle_is_shown_wholly_and_several_as_a_line_each(make_sample: MakeSample) -> None:
     fleet = _fleet(make_sample())
     assert "holdfast kelp" in _screen(fleet)
@@ -168,15 +161,6 @@ def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
         assert "\\x1b[2J" in screen
 
 
-def test_a_snapshot_in_numbers(make_sample: MakeSample) -> None:
-    figures = msgspec.json.decode(
-        msgspec.json.encode(watch.figures_of(_fleet(make_sample()).vehicles["kelp"], 1.0))
-    )
-    assert figures["vehicle"] == "kelp"
-    assert figures["state"]["depth_m"] == 5.0
-    assert figures["dof/z"]["unit"] == "m"
-
-
 def test_once_without_a_companion_is_a_failure_and_says_where_to_look(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,25 +174,16 @@ def test_once_without_a_companion_is_a_failure_and_says_where_to_look(
 def test_once_sees_a_replay_which_keeps_no_last_sample(
     make_sample: MakeSample, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    class Replayed:
-        def __init__(self, *_: str) -> None:
-            self.connected = True
-
-        def __enter__(self) -> "Replayed":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-        def last(self) -> list[Message]:
-            return []
-
-        def take(self) -> list[Message]:
-            return _messages(make_sample())
-
-    monkeypatch.setattr(watch, "Subscription", Replayed)
+    seen = MagicMock(connected=True)
+    seen.__enter__.return_value = seen
+    seen.last.return_value, seen.take.side_effect = [], lambda: _messages(make_sample())
+    monkeypatch.setattr(watch, "Subscription", lambda *_: seen)
     assert watch.main(["--once"]) == 0
     assert "kelp" in capsys.readouterr().out
+    assert watch.main(["--once", "--json"]) == 0
+    figures = msgspec.json.decode(capsys.readouterr().out)
+    assert (figures["vehicle"], figures["state"]["depth_m"]) == ("kelp", 5.0)
+    assert figures["dof/z"]["unit"] == "m"
 
 
 def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
@@ -218,7 +193,7 @@ def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
 def _fleet(sample: ControlSample, now_s: float = 1.0) -> Fleet[Vehicle]:
     fleet = Fleet(Vehicle)
     fleet.take(_messages(sample), now_s=now_s)
-    assert fleet.vehicles["kelp"].complete
+    assert fleet.complete
     return fleet
 
 
