@@ -27,14 +27,6 @@ def add_connect(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def listen_address(text: str) -> tuple[str, int]:
-    """Return host and port of `--listen`; raise ValueError, in words, for what is neither."""
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"--listen {text}: write HOST:PORT, such as 127.0.0.1:8600")
-    return host.strip("[]"), int(port)
-
-
 def until_ended() -> threading.Event:
     """Return what is set by Ctrl-C, and by systemd's SIGTERM."""
     ended = threading.Event()

@@ -43,6 +43,14 @@ def located(file: Path, overrides: Sequence[str], said: str) -> str:
     return f"{file}: {said}{f' (line {line})' if line else ''}"
 
 
+def address(text: str) -> tuple[str, int]:
+    """Return host and port of an argument such as 127.0.0.1:8600."""
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, such as 127.0.0.1:8600")
+    return host.strip("[]"), int(port)
+
+
 def position(text: str) -> tuple[float, float]:
     """Return latitude and longitude, degrees, of an argument such as 47.40,8.55."""
     try:

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import address, command_parser, removed_option
 
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
@@ -109,7 +109,7 @@ def _sim_parser() -> argparse.ArgumentParser:
     about = "Simulate an ArduSub vehicle in the water: MAVLink over UDP and TCP, in real time."
     parser = command_parser("sim", about, EXAMPLES)
     several: dict[str, Any] = {"action": "append", "default": []}
-    endpoint: dict[str, Any] = {"metavar": "HOST:PORT", "type": _endpoint}
+    endpoint: dict[str, Any] = {"metavar": "HOST:PORT", "type": address}
     fault: dict[str, Any] = {"metavar": "KIND[,KEY=VALUE...]", "type": _fault}
     options: dict[str, tuple[str, dict[str, Any]]] = {
         "--udp-connect": ("send to this address", endpoint | several),
@@ -168,13 +168,6 @@ def vehicle_file(text: str) -> Path:
             f"'{text}' is neither one of {', '.join(shipped())} nor a .toml file"
         )
     return Path(text)
-
-
-def _endpoint(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not host or not port.isdigit() or not 0 <= int(port) <= 65535:
-        raise argparse.ArgumentTypeError(f"'{text}' is not HOST:PORT, such as 127.0.0.1:14550")
-    return host, int(port)
 
 
 def _fault(text: str) -> "Fault":

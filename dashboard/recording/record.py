@@ -90,16 +90,11 @@ class RecorderThread(SessionThread):
 
     def _first_vehicle(self, session: zenoh.Session) -> str:
         self._say("waiting for a vehicle")
-        heard: deque[str] = deque()
-        with session.liveliness().declare_subscriber(
-            "holdfast/*/alive/**",
-            lambda sample: heard.append(str(sample.key_expr).split("/")[1]),
-            history=True,
-        ):
-            while not self._closing.wait(_DRAIN_S):
-                for _ in range(len(heard)):
-                    if (name := heard.popleft()).isprintable():  # a file is called by it
-                        return name
+        while not self._closing.wait(_DRAIN_S):
+            for reply in session.liveliness().get("holdfast/*/alive/**", timeout=_LOOK_S):
+                name = str(reply.ok.key_expr).split("/")[1] if reply.ok else ""
+                if name.isprintable() and name:  # a file is called by it
+                    return name
         return ""
 
     def _record(self, session: zenoh.Session) -> None:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from aiohttp import web
 
-from dashboard.arguments import WHERE, add_connect, listen_address
+from dashboard.arguments import WHERE, add_connect
 from dashboard.web import connections
 from dashboard.web.app import Dashboard
 from holdfast import files, port_taken
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import address, command_parser, removed_option
 
 SHORTEST_TOKEN = 16  # 64 bits in hex digits
 
@@ -57,8 +57,8 @@ def settings(argv: list[str]) -> DashboardOptions:
         EXAMPLES,
     )
     add = parser.add_argument
-    address = "address of the page (default %(default)s: this machine only)"
-    add("--listen", metavar="HOST:PORT", default="127.0.0.1:8600", help=address)
+    listen = "address of the page (default %(default)s: this machine only)"
+    add("--listen", metavar="HOST:PORT", type=address, default="127.0.0.1:8600", help=listen)
     names = "a host name that browsers may use, besides numbers and localhost; may be repeated"
     add("--host", metavar="NAME", action="append", default=[], help=names)
     add_connect(parser)
@@ -67,22 +67,22 @@ def settings(argv: list[str]) -> DashboardOptions:
     add("--token-file", metavar="FILE", type=Path, help=token)
     removed_option(parser, "--record", "`holdfast record` is a process of its own")
     options = parser.parse_args(argv)
-    host, port = listen_address(options.listen)
     if options.token_file and not options.allow_control:
         raise ValueError("--token-file: without --allow-control there is nothing to unlock")
     token = ""
     if options.allow_control:
         token = _token(options.token_file) if options.token_file else secrets.token_urlsafe(18)
+    host, port = options.listen
     return DashboardOptions(host, port, tuple(options.host), options.connect, token, options.token_file)
 
 
 def announcement(options: DashboardOptions, port: int, *, terminal: bool) -> str:
     """Return what the dashboard says of itself. A token that is in a file is not repeated in a log."""
     shown = "127.0.0.1" if options.host in ("0.0.0.0", "::") else options.host
-    address = f"dashboard: http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
+    page = f"dashboard: http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
     if options.token_file is not None and not terminal:
-        return f"{address} unlock it with the token in {options.token_file}"
-    return f"{address}#token={options.token}" if options.token else address
+        return f"{page} unlock it with the token in {options.token_file}"
+    return f"{page}#token={options.token}" if options.token else page
 
 
 def _token(file: Path) -> str:

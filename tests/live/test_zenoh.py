@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -295,14 +296,15 @@ def test_a_key_or_an_endpoint_that_can_never_work_is_refused(endpoint: str, tmp_
     nonsense, sound = tmp_path / "nonsense.json5", tmp_path / "sound.json5"
     nonsense.write_text("{ mode: 'submarine' }")
     sound.write_text("{}")
-    for vehicle, where, mode, says in (
+    refused: list[tuple[str, str | Path, Any, str]] = [
         ("kelp/1", endpoint, "peer", "vehicle name"),
         ("kelp", "localhost", "file", r"telemetry\.endpoint: .*is no Zenoh"),
         ("kelp", nonsense, "file", r"telemetry\.endpoint: .*is no Zenoh"),
         ("kelp", tmp_path / "missing.json5", "file", r"telemetry\.endpoint: .*is no Zenoh"),
         ("kelp", endpoint, "file", "mode is file"),
         ("kelp", sound, "peer", "mode is peer"),
-    ):
+    ]
+    for vehicle, where, mode, says in refused:
         with pytest.raises(ValueError if vehicle != "kelp" else RefusedError, match=says):
             Publisher(vehicle, str(where), mode)
     with pytest.raises(ValueError, match="key expression"):

@@ -103,8 +103,6 @@ def test_a_log_gets_the_place_of_a_token_and_a_terminal_the_token(tmp_path: Path
 @pytest.mark.parametrize(
     ("argv", "says"),
     [
-        (["--listen", "8600"], "write HOST:PORT"),
-        (["--listen", "a:99999"], "write HOST:PORT"),
         (["--token-file", "x"], "nothing to unlock"),
         (["--allow-control", "--token-file", "/nowhere/x"], "cannot be read"),
         (["--allow-control", "--token-file", "short"], "16 or more"),

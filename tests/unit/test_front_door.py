@@ -1,5 +1,7 @@
 """`holdfast --help` lists every command, and imports no package that is not used."""
 
+import json
+import os
 import platform
 import re
 import subprocess
@@ -80,13 +82,29 @@ def test_a_checkout_says_its_commit_and_whether_it_was_changed(tmp_path, monkeyp
     assert version.revision.__wrapped__() == f"{clean}-dirty"
 
 
+@pytest.fixture(scope="module")
+def helps():
+    """The help of every command, where what only searches need is not installed."""
+    program = """if True:
+        import contextlib, io, json, sys
+        for name in ("numba", "cma"):
+            sys.modules[name] = None
+        import holdfast
+        said = {}
+        for name in holdfast.commands_by_name():
+            with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.suppress(SystemExit):
+                holdfast.main([*name.split(), "--help"])
+            said[name] = out.getvalue()
+        print(json.dumps(said))
+    """
+    environment = os.environ | {"COLUMNS": "110"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, env=environment)
+    return json.loads(done.stdout)
+
+
 @pytest.mark.parametrize("command", holdfast.commands_by_name())
-def test_every_commands_help_has_examples_and_fits_the_screen(command, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "110")
-    with pytest.raises(SystemExit) as leaving:
-        holdfast.main([*command.split(), "--help"])
-    assert leaving.value.code == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_every_commands_help_has_examples_and_fits_the_screen(command, helps):
+    lines = helps[command].splitlines()
     assert max(map(len, lines)) <= 110
     assert lines[lines.index("examples:") + 1].startswith("  holdfast ")
 
@@ -107,10 +125,8 @@ def test_the_front_door_is_light(arguments: list[str]) -> None:
     [
         (["run", "--depth-only", "--heading", "90"], "the firmware keeps the heading"),
         (["run", "--depth", "-5"], "--depth = -5: must be 0 to 100 (supervisor.max_depth_m)"),
-        (["run", "--depth", "nan"], "--depth = nan: must be 0 to 100 (supervisor"),
         (["run", "--depth", "40", "--set", "supervisor.max_depth_m=30"], "must be 0 to 30 (supervisor."),
         (["run", "--heading", "400"], "--heading = 400: must be -360 to 360"),
-        (["run", "--heading", "nan"], "--heading = nan: must be -360 to 360"),
         (
             ["run", "--set", "nonsense=1"],
             "run: --set nonsense=1: nonsense: unknown key; known here: vehicle,",
@@ -132,10 +148,3 @@ def test_what_cannot_be_is_refused_in_one_line_before_anything_starts(capsys, ar
     assert holdfast.main(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert says in line
-
-
-def test_what_is_wrong_in_the_file_is_said_of_the_file(tmp_path, capsys):
-    file = tmp_path / "sim.toml"
-    file.write_text("waves = {height_m = -1.0}")
-    assert holdfast.main(["sim", "--vehicle", str(file), "--set", "waves.enabled=true"]) == 2
-    assert f"holdfast sim: {file}: waves.height_m = -1: must be 0 to 5" in capsys.readouterr().err

@@ -3,7 +3,7 @@
 import pytest
 
 from companion.telemetry.schemas import Reply
-from dashboard import commands
+from dashboard import commands, zenoh_client
 from dashboard.terminal import tell
 
 
@@ -13,8 +13,9 @@ def sea(monkeypatch):
     heard: list[str] = []
     told: list[tuple[object, ...]] = []
 
-    class Subscription(tell.Subscription):
-        connected = True  # type: ignore[assignment]
+    class Subscription:
+        connected = True
+        others = zenoh_client.Subscription.others
 
         def __init__(self, key_expression, endpoint):
             pass
