@@ -146,10 +146,7 @@ def _dispatch(arguments: list[str], command: str) -> int:
         if command in REPLACED:
             raise RefusedError(f"is now {REPLACED[command]}")
         known = ", ".join(PILOT)
-        sys.stderr.write(
-            f"holdfast: there is no command '{command}'. Known: {known}. See `holdfast --help`.\n"
-        )
-        return REFUSED
+        raise RefusedError(f"there is no command '{command}'. Known: {known}. See `holdfast --help`.")
     status: int = commands[command].load()(arguments[len(command.split()) :])
     return status
 

@@ -5,6 +5,7 @@ A ValueError says what is wrong with a file; the reader's command adds which fil
 
 import codecs
 import json
+import os
 import re
 import tomllib
 from collections import Counter
@@ -53,6 +54,15 @@ def decoded(data: bytes) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise ValueError(f"line {line} is not {declared.upper()} text: save it as UTF-8") from error
+
+
+def state_directory() -> Path:
+    """Return systemd's state directory, or the user's."""
+    systemd = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if systemd:
+        return Path(systemd)
+    home = Path(os.environ.get("HOME", "/")) / ".local" / "state"
+    return Path(os.environ.get("XDG_STATE_HOME") or home) / "holdfast"
 
 
 def refuse_endless(path: Path) -> None:

@@ -102,7 +102,8 @@ def _install() -> None:
     if not LINK.exists():
         LINK.unlink(missing_ok=True)
         LINK.symlink_to(PROGRAM)
-    _reload()
+    if RUNNING.is_dir():
+        _run("systemctl", "daemon-reload")
     if first:  # whoever disabled a service later keeps it so
         _run("systemctl", "enable", *ENABLED)
     if RUNNING.is_dir():
@@ -130,7 +131,8 @@ def _remove() -> None:
     BEGUN.unlink(missing_ok=True)
     if LINK.is_symlink() and LINK.readlink() == PROGRAM:
         LINK.unlink()
-    _reload()
+    if RUNNING.is_dir():
+        _run("systemctl", "daemon-reload")
     if _is_user(USER):
         _run("userdel", USER)
     sys.stdout.write(
@@ -163,11 +165,6 @@ def _refuse_while_held() -> None:
             "Holdfast steers the vehicle now, and this would end it. First: holdfast release; then "
             "repeat this command"
         )
-
-
-def _reload() -> None:
-    if RUNNING.is_dir():
-        _run("systemctl", "daemon-reload")
 
 
 def _run(*argv: str) -> str:

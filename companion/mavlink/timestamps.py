@@ -14,7 +14,7 @@ import msgspec
 
 from companion.config import Config
 from companion.mavlink.signing import LATEST, UNITS_PER_S, Signing, Stream
-from holdfast.state import state_directory
+from holdfast.files import state_directory
 
 PERIOD_S = 1.0
 AHEAD = round(2.0 * UNITS_PER_S)

@@ -60,15 +60,6 @@ class Item(NamedTuple):
     publish_ns: int
 
 
-def is_time(utc_ns: int) -> bool:
-    """Tell whether a file can hold this time."""
-    return 0 <= utc_ns <= MAX_TIME_NS
-
-
-class TooManyChannelsError(ValueError):
-    """A sample would need one channel too many."""
-
-
 def schema_of(encoding: str) -> tuple[str, bytes] | None:
     """Return name and JSON Schema of the record of ours that an encoding names; None for another one.
 
@@ -112,7 +103,7 @@ class Recording:
 
         Raises ValueError, and leaves the file as it is, for a sample that no recording holds.
         """
-        if not (is_time(item.log_ns) and is_time(item.publish_ns)):
+        if not all(0 <= utc_ns <= MAX_TIME_NS for utc_ns in (item.log_ns, item.publish_ns)):
             raise ValueError("a time that cannot be")
         if len(item.payload) > MAX_SAMPLE_BYTES or len(item.encoding.encode()) > MAX_ENCODING_BYTES:
             raise ValueError("too large")
@@ -145,7 +136,7 @@ class Recording:
 
     def _channel(self, item: Item) -> int:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
-            raise TooManyChannelsError(f"of more than {MAX_CHANNELS} keys the others are left out")
+            raise ValueError(f"of more than {MAX_CHANNELS} keys the others are left out")
         item.key.encode()
         encoding = item.encoding.partition(";")[0].rpartition("/")[2] or "bytes"
         number = 0

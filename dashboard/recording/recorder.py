@@ -17,7 +17,7 @@ import msgspec
 
 from companion.telemetry import schemas as telemetry
 from dashboard.arguments import MB
-from dashboard.recording.mcap_file import Item, Recording, TooManyChannelsError
+from dashboard.recording.mcap_file import Item, Recording
 from holdfast import files
 
 RESTART_S = 5.0
@@ -121,8 +121,8 @@ class DiveRecorder:
             self._give_up(error)
         except ValueError as error:
             self._left_out += 1
-            if isinstance(error, TooManyChannelsError) and self._file is not None:
-                self.said = f"recording to {self._file.path.name}; {error}"
+            if self._file is not None:
+                self.said = f"recording to {self._file.path.name}; left out: {error}"
 
     def each_second(self, utc_ns: int) -> None:
         """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""

@@ -262,8 +262,8 @@ class News:
         elif ring.end - self._row > MOST_BEHIND and self._row:
             self._row = ring.end - 1
         while ring.epoch == self._epoch and (frame := ring.frame(self._row, MOST_BEHIND)):
-            self._row = frame.end
-            yield frame.data
+            data, self._row = frame
+            yield data
 
     def texts(self) -> Iterator[str]:
         """Give what else is new, as JSON."""

@@ -97,14 +97,14 @@ class VehicleHistory(Vehicle):
             self.config_version += 1
 
     def status(self, now_s: float) -> dict[str, Any]:
-        """Return what there is to say beside the rows."""
+        """Return what there is to say beside the rows; what is not finite becomes null in JSON."""
         state, supervisor = self.state, self.supervisor
         dofs = [record for record in self.latest.values() if isinstance(record, Dof)]
         recorder = self.get(Recorder, "recorder")
         return {
             "vehicle": self.name,
-            "age_s": _finite(self.age_s(now_s)),
-            "t_s": _finite(self.t_s),
+            "age_s": self.age_s(now_s),
+            "t_s": self.t_s,
             "armed": self.armed,
             "mode": self.mode,
             "pending": on_engaging(state.pending) if state else "",
@@ -168,7 +168,7 @@ class Histories(Fleet[VehicleHistory]):
     def briefs(self, now_s: float) -> list[dict[str, Any]]:
         """Return each as it stands in a list of several."""
         return [
-            {"name": one.name, "state": one.supervised, "age_s": _finite(one.age_s(now_s))}
+            {"name": one.name, "state": one.supervised, "age_s": one.age_s(now_s)}
             for one in self.vehicles.values()
         ]
 
@@ -176,7 +176,3 @@ class Histories(Fleet[VehicleHistory]):
 def _known(record: Schema, names: tuple[str, ...]) -> dict[str, Any]:
     """Return these fields; None for what is absent."""
     return {name: None if name in record.absent else getattr(record, name) for name in names}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -6,7 +6,6 @@ from array import array
 from collections import deque
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import NamedTuple
 
 from companion.telemetry.schemas import NEVER_S, Command, Dof, Loop, Schema, State
 
@@ -78,13 +77,6 @@ def fill_truth(row: list[float], disturbance: Sequence[float]) -> None:
     row[_TRUE : _TRUE + 4] = [-disturbance[index] for index in (0, 1, 2, 5)]
 
 
-class Frame(NamedTuple):
-    """Rows as bytes, see `Ring.frame`; `end` is the number of the row after them."""
-
-    data: bytes
-    end: int
-
-
 class Ring:
     """The newest `capacity` rows, each with its time. They are numbered from 0 on for ever."""
 
@@ -105,8 +97,8 @@ class Ring:
         self._rows.clear()
         self.epoch += 1
 
-    def frame(self, start: int, most: int) -> Frame | None:
-        """Return the rows from number `start` on that are still there, at most `most`; None for none.
+    def frame(self, start: int, most: int) -> tuple[bytes, int] | None:
+        """Return the rows from number `start` on that are still there, at most `most`, and the next number.
 
         Little endian: u32 1, u32 epoch, f64 number of the first row, u32 rows, u32 columns, f64 time (s) of
         each row, f32 each row's numbers.
@@ -119,4 +111,4 @@ class Ring:
         rows = [self._rows[number - oldest] for number in range(start, end)]
         header = _HEADER.pack(1, self.epoch, float(start), len(rows), len(rows[0][1]) // 4)
         times = array("d", (t_s for t_s, _ in rows)).tobytes()
-        return Frame(header + times + b"".join(row for _, row in rows), end)
+        return header + times + b"".join(row for _, row in rows), end

@@ -1,7 +1,6 @@
 """Anybody may publish under a vehicle's keys: no sample ends whoever hears it, or makes it grow."""
 
 import json
-import math
 from collections.abc import Callable, Iterator
 from io import StringIO
 from pathlib import Path
@@ -16,7 +15,7 @@ from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
-from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
+from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.terminal.watch import Look, picture
 from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
@@ -195,11 +194,3 @@ def test_a_configuration_that_nobody_can_read_is_none(payload: str) -> None:
 )
 def test_a_fault_that_nobody_can_read_is_answered(payload: str) -> None:
     assert not answer(payload.encode("latin-1"), lambda fault: None).done
-
-
-def test_a_number_that_jumps_by_years_is_a_new_start() -> None:
-    losses = Losses()
-    for tick in (1, 2**53, 1, 2**53):
-        losses.take("loop", tick)
-    assert losses.lost == 0
-    assert math.isfinite(losses.lost)

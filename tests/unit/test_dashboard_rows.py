@@ -16,7 +16,7 @@ from companion.telemetry import schemas as telemetry
 from dashboard import vehicles
 from dashboard.web.app import MOST_BEHIND, News
 from dashboard.web.fleet import Histories, VehicleHistory
-from dashboard.web.rows import COLUMNS, Frame, Ring, empty_row
+from dashboard.web.rows import COLUMNS, Ring, empty_row
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]
@@ -187,7 +187,7 @@ def _messages(sample: ControlSample, vehicle: str = "kelp") -> list[Message]:
 
 
 def _unpack(
-    frame: Frame | None,
+    frame: tuple[bytes, int] | None,
 ) -> tuple[
     int,
     float,
@@ -195,9 +195,10 @@ def _unpack(
     "np.ndarray[tuple[int, int], np.dtype[np.float32]]",
 ]:
     assert frame is not None
-    kind, epoch, first, rows, columns = struct.unpack_from("<IIdII", frame.data)
+    data, end = frame
+    kind, epoch, first, rows, columns = struct.unpack_from("<IIdII", data)
     assert kind == 1
-    assert frame.end == first + rows
-    t_s = np.frombuffer(frame.data, "<f8", rows, 24)
-    numbers = np.frombuffer(frame.data, "<f4", rows * columns, 24 + 8 * rows)
+    assert end == first + rows
+    t_s = np.frombuffer(data, "<f8", rows, 24)
+    numbers = np.frombuffer(data, "<f4", rows * columns, 24 + 8 * rows)
     return epoch, first, t_s, numbers.reshape(rows, columns)

@@ -326,6 +326,7 @@ KEYS = len(telemetry.EVERY_TICK)
 REPORTED = [
     pytest.param([1, 2, 3, 4], {}, 0, id="all"),
     pytest.param([900, 901, 1, 2, 3], {}, 0, id="a companion that starts anew"),
+    pytest.param([1, 2**53, 1, 2**53], {}, 0, id="a number that jumps by years"),
     pytest.param([1, 2, 5], {}, 2 * KEYS, id="two whole ticks"),
     pytest.param([1, 2, 3], {2: {"dof/x", "dof/psi"}}, 2, id="two keys"),
     pytest.param([1, 2, 3], {2: {"loop"}}, 1, id="the last key"),
