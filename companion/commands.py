@@ -197,11 +197,11 @@ def check(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
 
     from companion.assembly import refuse_fast_gains
-    from companion.io.zenoh_question import asked
     from companion.predive.app import inspect
     from companion.predive.inspection import CONTACT_S
     from companion.predive.table import as_json, from_json, show, worst
     from companion.telemetry.schemas import key
+    from companion.telemetry.session import asked
 
     with _refusing():
         config = _configuration(arguments)

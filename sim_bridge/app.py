@@ -42,14 +42,13 @@ UNKNOWN_MODE = -1
 
 @dataclass(frozen=True)
 class Settings:
-    """Where the vehicle is found, and how fast its time runs."""
+    """Where the vehicle is found."""
 
     udp_connect: tuple[Endpoint, ...]
     tcp: tuple[Endpoint, ...]
     zenoh: str
     """Endpoint of a Zenoh router or peer; empty for none."""
     vehicle: str
-    speed: float
     physics: Endpoint | None = None
     """Where the real firmware sends its frames; then there is no vehicle of ours, and no other endpoint."""
     live_faults: bool = False
@@ -147,12 +146,11 @@ async def _pace(
     links: Links,
     asked: deque[Fault],
     publish: Callable[[Truth], None] | None,
-    speed: float,
     stop: asyncio.Event,
 ) -> None:
     """Step the vehicle against the monotonic clock without drift; fall behind rather than burst."""
     clock = asyncio.get_running_loop().time
-    period_s = vehicle.step_s / speed
+    period_s = vehicle.step_s
     due_s = clock()
     for count in itertools.count(1):
         while asked:
@@ -209,7 +207,7 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
             stack.callback(caller.close)
         asked: deque[Fault] = deque(maxlen=MAX_INBOX)
         publish = _publisher(stack, settings, asked.append if settings.live_faults else None)
-        await _pace(vehicle, links, asked, publish, settings.speed, stop)
+        await _pace(vehicle, links, asked, publish, stop)
 
 
 class _Physics(_Udp):

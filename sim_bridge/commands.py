@@ -71,10 +71,9 @@ def sim(argv: list[str]) -> int:
         sys.stderr.write("holdfast sim: --live-faults needs Zenoh, and our own vehicle\n")
         return 2
     named = arguments.udp_connect or arguments.tcp
-    if arguments.physics_only and (named or arguments.speed != 1.0 or config.faults):
+    if arguments.physics_only and (named or config.faults):
         sys.stderr.write(
-            "holdfast sim: --physics-only takes no endpoint, --speed or faults: MAVLink and time are the "
-            "firmware's (its --serial0, --speedup)\n"
+            "holdfast sim: --physics-only takes no endpoint or faults: MAVLink is the firmware's --serial0\n"
         )
         return 2
     settings = Settings(
@@ -82,7 +81,6 @@ def sim(argv: list[str]) -> int:
         tcp=tuple(arguments.tcp) if named else (("127.0.0.1", 5760),),
         zenoh="" if arguments.no_zenoh else arguments.zenoh,
         vehicle=arguments.name,
-        speed=arguments.speed,
         physics=arguments.physics_only,
         live_faults=arguments.live_faults,
     )
@@ -125,10 +123,6 @@ def _sim_parser() -> argparse.ArgumentParser:
             "random seed of sea and noise (default: %(default)s)",
             {"metavar": "N", "type": _seed, "default": 1},
         ),
-        "--speed": (
-            "speed relative to real time (default: %(default)s)",
-            {"metavar": "X", "type": _speed, "default": 1.0},
-        ),
         **ZENOH,
         "--no-zenoh": ("do not publish the true state", {"action": "store_true"}),
         "--physics-only": (
@@ -149,6 +143,7 @@ def _sim_parser() -> argparse.ArgumentParser:
         help=said,
     )
     removed_option(parser, "--inject", "`holdfast fault` sends one")
+    removed_option(parser, "--speed", "`lab.loop.lockstep` dives as fast as the machine can")
     removed_option(parser, "--udp-listen", "call whoever listens by --udp-connect, or serve --tcp")
     return parser
 
@@ -183,13 +178,3 @@ def _seed(text: str) -> int:
     if not (text.isascii() and text.isdigit()):
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 0 or more")
     return int(text)
-
-
-def _speed(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value <= 100.0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0, up to 100")
-    return value

@@ -5,6 +5,7 @@ import re
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -17,6 +18,7 @@ RETRY_S = 0.2  # less than a person notices
 MAX_MESSAGE_BYTES = 1 << 20
 """A larger message is dropped before it is here: a path and a raw tick, the largest, have a quarter of it."""
 _MAX_MESSAGE = "transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)
+ANSWER_S = 2.0  # of a companion; on loopback it takes milliseconds
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 
 
@@ -125,3 +127,13 @@ def client_configuration(endpoint: str) -> zenoh.Config:
     """Return the configuration of a client that by itself comes back to whoever listens on `endpoint`."""
     retry = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
     return configuration(endpoint, more={"connect/retry": retry})
+
+
+def asked(endpoint: str, key: str) -> bytes | None:
+    """Return the answer under a key from whoever listens at `endpoint`; None where nobody does."""
+    once = {"connect/timeout_ms": int(1e3 * ANSWER_S), "connect/exit_on_failure": True}
+    with suppress(zenoh.ZError, OSError), zenoh.open(configuration(endpoint, more=once)) as session:
+        for reply in session.get(key, timeout=ANSWER_S):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+    return None

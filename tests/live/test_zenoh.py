@@ -22,10 +22,9 @@ from zenoh import ext
 from companion.io import zenoh_publisher as zenoh_io
 from companion.io.command_queue import ReceivedCommand
 from companion.io.zenoh_publisher import NameTakenError, Publisher
-from companion.io.zenoh_question import asked
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.session import client_configuration
+from companion.telemetry.session import asked, client_configuration
 from dashboard.zenoh_client import Message, Subscription
 from holdfast import RefusedError
 
