@@ -7,12 +7,8 @@ import pytest
 
 from holdfast import RefusedError
 from lab.loop.dive import Dive
-from lab.studies.competitors import FIRST_SEED
-from lab.studies.courses import COURSES
 from lab.studies.position import Courses
 from lab.study import parser_of
-from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
 
 
 def track(north_m, heading_rad=0.0):
@@ -43,14 +39,6 @@ def test_errors_count_from_the_reference_in_the_units_they_are_named_by():
     assert dived.within(1.0, 9.0).t_s.min() >= 1.0
 
 
-@pytest.mark.parametrize("course", COURSES.values(), ids=COURSES)
-def test_every_course_dives_another_vehicle_for_another_seed(course):
-    one, two = (course.plant(load_plant(DEFAULT_CONFIG), seed) for seed in (1, 2))
-    assert one.thrusters.gain != two.thrusters.gain
-    assert one.sensors.dvl
-    assert one.current.speed_m_s == course.current_m_s
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -63,13 +51,3 @@ def test_what_cannot_dive_is_refused(options, says):
     with pytest.raises(RefusedError, match=says):
         study(*options)
     assert {case.row for case in study().cases()} == {"default", "ppi"}
-
-
-def test_the_table_for_the_results_says_what_was_given_up():
-    rows = [
-        {"row": "ppi", "course": course, "seed": FIRST_SEED + i, "held": held, "place_rms_mm": 20.0 + 10 * i}
-        for course in ("station", "lemniscate")
-        for i, held in enumerate((True, course != "station"))
-    ]
-    table = study("--scenarios", "station", "lemniscate").summary(rows)
-    assert table == {"columns": ["place RMS, mm", "station", "lemniscate"], "rows": [["P-PI", "25†", "25"]]}

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from true_thrust import FRAMES, true_wrench
 
 from companion import assembly
-from companion.config import DEFAULT_FILE, load_config
+from companion.config import load_config
 from companion.core.allocation import allocate, delivered, motors, thrusters
 from companion.core.levelling import (
     FILTER_S,
@@ -23,8 +24,6 @@ from companion.core.levelling import (
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 
 LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
 NEAR_S = 0.0
@@ -184,16 +183,13 @@ def test_the_true_vehicle_gets_the_moment_and_heave_keeps_its_force(frame):
     pitch_nm = -1.5 if frame == "vectored_6dof" else 0.0
     one = thrusters(frame, MAX_TAU, True)
     wanted = (0.0, 0.0, 20.0, 0.0, 2.0, pitch_nm)
-    surge, sway, heave, yaw, roll, pitch = axes = allocate(one, wanted, 16.0, REACH)[0]
+    axes, _ = allocate(one, wanted, 16.0, REACH)
     np.testing.assert_allclose(delivered(one, axes, 16.0), wanted, rtol=0.03, atol=0.02)
-    pwm = motor_pwm(mix(frame, (roll, pitch, yaw, -heave, surge, sway)), [1.0] * one.motor_count)
-    name = "sim.toml" if frame == "vectored_6dof" else "sim-bluerov2.toml"
-    vehicle = thrusters_of(load_plant(DEFAULT_FILE.with_name(name)).thrusters)
-    true = wrench(vehicle, static_thrust(vehicle, HEALTHY, each_motor(pwm), 16.0))
-    assert true[2] == pytest.approx(20.0, abs=0.8)
-    lever = vehicle.vertical_m[1] / 0.218
-    assert true[3] == pytest.approx(2.0 * lever, abs=0.2)
-    assert true[4] == pytest.approx(pitch_nm, abs=0.15)
+    _, _, heave, _, roll, pitch = true_wrench(frame, axes)
+    assert heave == pytest.approx(20.0, abs=0.8)
+    lever = load_plant(FRAMES[frame]).thrusters.vertical_m[1] / 0.218
+    assert roll == pytest.approx(2.0 * lever, abs=0.2)
+    assert pitch == pytest.approx(pitch_nm, abs=0.15)
 
 
 def test_heave_and_tilt_share_their_motors_and_say_so():

@@ -142,19 +142,6 @@ def test_pilot_failsafe_may_warn_and_neutralise_only():
     assert set(station.rov.truth().motor_pwm) == {1500}
 
 
-def test_arming_is_accepted_while_the_pilot_failsafe_is_latched():
-    station = Station(vehicle())
-    heard = station.run(5.0)
-    assert heard.last("HEARTBEAT").system_status == 5
-    assert not heard.texts(), "latched from the start, so there was nothing to lose"
-    station.command(ARM, 1).run(0.1)
-    station.run(4.0)
-    assert station.rov.truth().armed
-    station.run(0.1, override())
-    station.run(3.1)
-    assert not station.rov.truth().armed
-
-
 def test_an_rc_receiver_silences_the_failsafe_and_only_the_override_time_neutralises():
     station = Station(vehicle("rc_receiver=true", "parameters={FS_GCS_ENABLE=0}")).arm()
     station.run(0.5, override(forward=200))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from true_thrust import FRAMES, true_wrench
 
 from companion.core.allocation import (
     PUSH,
@@ -13,11 +14,8 @@ from companion.core.allocation import (
     interpolated,
     thrusters,
 )
-from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.physics.thrusters import HEALTHY, each_motor, static_thrust, thrusters_of, wrench
 
-FRAMES = {"vectored_6dof": "config/sim.toml", "vectored": "config/sim-bluerov2.toml"}
 UNBOUNDED = (1e6,) * 6
 FULL = np.ones(4)
 AXES = ("surge", "sway", "heave", "yaw")
@@ -50,18 +48,6 @@ def vehicle(frame):
     return Frame(frame)
 
 
-def true_wrench(frame, axes, voltage_v, pytestconfig):
-    """Surge, sway, heave, yaw of what the stand-in vehicle makes of the axes, after its lag."""
-    config = load_config(pytestconfig.rootpath / FRAMES[frame]).thrusters
-    surge, sway, heave, yaw = axes
-    pwm = motor_pwm(
-        mix(frame, (0.0, 0.0, yaw, -heave, surge, sway)), [1.0] * 8 if "6" in frame else [1.0] * 6
-    )
-    vehicle = thrusters_of(config)
-    pushed = wrench(vehicle, static_thrust(vehicle, HEALTHY, each_motor(pwm), voltage_v))
-    return np.array(pushed)[[0, 1, 2, 5]]
-
-
 def test_the_curve_is_that_of_the_facts():
     """T200 at 16 V: dead band 1472..1528 µs, 51.5 N forward, 39.9 N in reverse."""
     for us, newtons in ((1100, -39.9), (1472, 0.0), (1500, 0.0), (1528, 0.0), (1700, 17.9), (1900, 51.5)):
@@ -70,13 +56,13 @@ def test_the_curve_is_that_of_the_facts():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("axis", range(4), ids=AXES)
-def test_each_axis_alone_has_its_sign_and_reaches_the_vehicle(frame, vehicle, axis, sign, pytestconfig):
+def test_each_axis_alone_has_its_sign_and_reaches_the_vehicle(frame, vehicle, axis, sign):
     tau = np.zeros(4)
     tau[axis] = sign * 0.5 * ENVELOPE[axis]
     axes, saturated = vehicle.allocate(tau)
     assert np.sign(axes[axis]) == sign
     assert not saturated.any()
-    for given in (vehicle.delivered(axes), true_wrench(frame, axes, 16.0, pytestconfig)):
+    for given in (vehicle.delivered(axes), true_wrench(frame, axes)[:4]):
         assert given[axis] == pytest.approx(tau[axis], rel=0.05)
         others = np.delete(given / ENVELOPE, axis)
         np.testing.assert_allclose(others, 0.0, atol=0.01)
@@ -89,11 +75,11 @@ def test_the_dead_band_is_jumped(vehicle):
     assert not vehicle.delivered([0.0, 0.0, 0.06, 0.0]).any()
 
 
-def test_delivered_is_what_the_vehicle_gives(frame, vehicle, pytestconfig):
+def test_delivered_is_what_the_vehicle_gives(frame, vehicle):
     rng = np.random.default_rng(1)
     for _ in range(30):
         axes = rng.uniform(-1.0, 1.0, 4) * np.array([0.3, 0.3, 0.4, 0.3])
-        expected = true_wrench(frame, axes, 15.0, pytestconfig)
+        expected = true_wrench(frame, axes, 15.0)[:4]
         np.testing.assert_allclose(vehicle.delivered(axes, 15.0) / ENVELOPE, expected / ENVELOPE, atol=0.02)
 
 

@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from true_thrust import true_wrench
 
 from companion.core.allocation import allocate, can_lose, delivered, overloaded, thrusters, without_motor
-from sim_bridge.config import load_config
-from sim_bridge.firmware.mixer import mix, motor_pwm
-from sim_bridge.physics.thrusters import each_motor, static_thrust, thrusters_of, wrench
 
 FULL = (1.0,) * 6
 UNBOUNDED = (1e6,) * 6
@@ -23,20 +21,8 @@ def heavy_without(dead):
     return without_motor(HEAVY, dead)
 
 
-def true_wrench(axes, dead, root):
-    """Surge, sway, heave, yaw, roll, pitch that the stand-in vehicle makes of the axes, after its lag."""
-    vehicle = thrusters_of(load_config(root / "config/sim.toml").thrusters)
-    surge, sway, heave, yaw, roll, pitch = axes
-    pwm = motor_pwm(mix("vectored_6dof", (roll, pitch, yaw, -heave, surge, sway)), [1.0] * 8)
-    a, b, c, d, e, f, g, h = (float(motor != dead) for motor in range(1, 9))
-    X, Y, Z, K, M, N = wrench(
-        vehicle, static_thrust(vehicle, (a, b, c, d, e, f, g, h), each_motor(pwm), 16.0)
-    )
-    return np.array((X, Y, Z, N, K + LEVER_M * Y, M - LEVER_M * X))
-
-
 @pytest.mark.parametrize("dead", range(1, 9))
-def test_the_three_others_give_the_whole_wrench(dead, pytestconfig):
+def test_the_three_others_give_the_whole_wrench(dead):
     """Exactly but for their dead bands; the vehicle within what whole µs leave."""
     rng = np.random.default_rng(dead)
     without_it = heavy_without(dead)
@@ -48,7 +34,8 @@ def test_the_three_others_give_the_whole_wrench(dead, pytestconfig):
         np.testing.assert_allclose(
             np.array(delivered(without_it, axes, 16.0))[served], tau[served], atol=0.06
         )
-        given = true_wrench(axes, dead, pytestconfig.rootpath)
+        given = true_wrench("vectored_6dof", axes, dead=dead)
+        given[4:] += LEVER_M * given[1], -LEVER_M * given[0]
         assert (np.abs(given - tau) <= [0.6, 0.6, 0.6, 0.1, 0.12, 0.12]).all()
 
 
