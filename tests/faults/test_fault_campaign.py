@@ -4,7 +4,7 @@ from copy import deepcopy
 
 import pytest
 
-from companion.records import Condition, State, Verdict
+from companion.records import State
 from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, prepared
 from lab.studies.faults import TOGETHER, FaultCase, FaultDives, case, dive, dive_group
 from lab.study import parser_of
@@ -64,29 +64,9 @@ def test_it_would_notice_thrust_that_goes_on(active, monkeypatch):
     assert "still pushing" in noticed(active, "disarmed")
 
 
-def test_it_would_notice_thrust_without_authority(active, monkeypatch):
-    monkeypatch.setattr("companion.engine.guard", lambda command, *_: command)
-    monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _powerless)
-    assert "authority" in noticed(active, "leak") or "thrust" in noticed(active, "leak")
-
-
-def _powerless(self, conditions, dt_s, details=()):
-    return Verdict(State.FAULT, Condition(0), 0.5, "")
-
-
 def test_it_would_notice_an_exception(active, monkeypatch):
     monkeypatch.setattr("companion.engine.guard", lambda *_: 1 / 0)
     assert "ZeroDivisionError" in noticed(active, "leak")
-
-
-def test_it_would_notice_engaging_unasked(monkeypatch):
-    with prepared("heavy", State.IDLE, 0) as idle:
-        monkeypatch.setattr("companion.supervision.supervisor.StateMachine.step", _holding)
-        assert "engaged from IDLE" in noticed(idle, "doubled")
-
-
-def _holding(self, conditions, dt_s, details=()):
-    return Verdict(State.ACTIVE, Condition(0), 1.0, "")
 
 
 def test_a_dive_is_its_number():
