@@ -7,8 +7,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from msgspec import UnsetType
-
 from companion.config import Config
 from companion.core.bounds import clamped, limited
 from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
@@ -134,10 +132,10 @@ class Bounds:
         if goal[Z] < 0.0:
             raise ValueError(f"depth_m: {goal[Z]:.2f} m is above the surface; must be 0 or more")
 
-    def permit_altitude(self, altitude_m: float | UnsetType) -> None:
-        """Refuse an altitude below `supervisor.min_altitude_m`."""
+    def permit_altitude(self, altitude_m: float) -> None:
+        """Refuse an altitude below `supervisor.min_altitude_m`; NaN is none."""
         least_m = self.config.supervisor.min_altitude_m
-        if not isinstance(altitude_m, UnsetType) and altitude_m < least_m:
+        if altitude_m < least_m:
             raise ValueError(
                 f"altitude_m = {altitude_m:g}: must be supervisor.min_altitude_m = {least_m:g} or more"
             )

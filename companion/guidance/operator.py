@@ -40,14 +40,14 @@ def _follow(path: Path, sources: Sources, reference: Reference) -> None:
 
     One that leaves the fence is refused, with the place; one that counts from where it engages, then.
     """
-    plan, bounds = path.plan, sources.bounds
-    bounds.permit_altitude(plan.altitude_m)
+    plan, bounds, altitude_m = path.plan, sources.bounds, number_of(path.plan.altitude_m)
+    bounds.permit_altitude(altitude_m)
     sources.angles.permit(angles(plan))
     course = Course(bounds.limits, plan.speed_mps, plan.acceleration_mps2, path=path)
     if any(sources.held.engaged) or not any(path.relative[:PSI]):
         bounds.check(course, sources.standing_outside(reference))
     sources.angles.ask(angles(plan))
-    sources.altitude = AltitudeHold.of(number_of(plan.altitude_m))
+    sources.altitude = AltitudeHold.of(altitude_m)
     sources.begin(course, UNSET)
 
 
@@ -60,7 +60,7 @@ def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
     """
     bounds, held, altitude_m = sources.bounds, sources.held, number_of(order.altitude_m)
     course, held_angles = Course.to(order, bounds.limits), angles(order)
-    bounds.permit_altitude(order.altitude_m)
+    bounds.permit_altitude(altitude_m)
     sources.angles.permit(held_angles)
     here = sources.standing_outside(reference)
     goal = course.goal(here)
