@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import DEPTH_M, Dive, Somebody, active, hold, shared
+from virtual import DEPTH_M, Somebody, active, hold, shared
 
 from companion.records import Condition, Request, State
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S
@@ -236,17 +236,6 @@ def test_a_low_battery_is_reported_and_held_on():
     dive = active(seconds=2.0)
     dive.fault("voltage", value=12.5)
     assert warned(dive, Condition.BATTERY_LOW, 7.0)[-1] is dive.step
-
-
-def test_a_low_battery_is_not_engaged_with():
-    dive = Dive("battery.voltage_v=12.5")
-    dive.run(4.0)
-    dive.ask(Request.STOP)
-    dive.run(4.0)
-    dive.ask(Request.ENGAGE)
-    dive.run(3.0)
-    assert dive.state is State.IDLE
-    assert "a charged battery" in dive.step.sample.verdict.reason
 
 
 ALONE = ("SCALED_PRESSURE2", "VFR_HUD")
