@@ -76,7 +76,8 @@ class Target:
 
 def known(eta: Vector) -> Flags:
     """Tell by degree of freedom whether a place is said."""
-    return vector(not math.isnan(place) for place in eta)
+    x, y, z, psi = eta
+    return (not math.isnan(x), not math.isnan(y), not math.isnan(z), not math.isnan(psi))
 
 
 def from_here(here: Vector, step: Vector, *, body: bool) -> Vector:
