@@ -87,8 +87,9 @@ class StateMachine:
         self._verdict = JUST_STARTED
         self._reason, self._cause = self._verdict.reason, NOTHING
         """Of the last transition: why, and the one condition that it was for."""
-        self._ended = ""
-        """Why control ended, until it begins again."""
+        self._ended = self._remedy = ""
+        """Why control ended, until it begins again; what there is to do, for what was judged last."""
+        self._judged: tuple[State, Condition, Details] | None = None
 
     def ramped_down(self, dt_s: float) -> bool:
         """Tell whether the authority has reached 0, `dt_s` after the last step."""
@@ -128,7 +129,8 @@ class StateMachine:
         elif state in FREE:
             reason += self._ended
         warnings, freeze = notices(conditions)
-        self._verdict = Verdict(
-            state, conditions, authority, reason, warnings, freeze, remedy(state, conditions, details)
-        )
+        judged = state, conditions, details
+        if judged != self._judged:
+            self._judged, self._remedy = judged, remedy(*judged)
+        self._verdict = Verdict(state, conditions, authority, reason, warnings, freeze, self._remedy)
         return self._verdict
