@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identification import Compared, compare, drawn, manoeuvred
 from msgspec.structs import replace
-from virtual import Dive, hold, shared
+from virtual import Dive, hold
 
 from companion.config import PRESETS, VehicleFile, load_config, load_vehicle, vehicle_of
 from companion.identify.fit import fit, reported, vehicle
@@ -139,7 +139,6 @@ class Identifying(Dive):
         return self
 
 
-@shared
 def moving(**arguments):
     """A dive whose heave is being excited."""
     dive = Identifying(**arguments)
