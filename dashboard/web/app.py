@@ -109,15 +109,12 @@ class Dashboard:
             self._fleet.take(self._truth.take(), now_s)
             self._fleet.take(self._telemetry.take(), now_s)
             for vehicle in self._fleet.vehicles.values():
-                self._keep_config(vehicle, now_s)
+                if now_s - self._config_asked_s.get(vehicle.name, -CONFIG_S) >= CONFIG_S:
+                    self._config_asked_s[vehicle.name] = now_s
+                    self._begin(self._read_config(vehicle))
             self._beat.set()
             self._beat = asyncio.Event()
             await asyncio.sleep(BEAT_S)
-
-    def _keep_config(self, vehicle: VehicleHistory, now_s: float) -> None:
-        if now_s - self._config_asked_s.get(vehicle.name, -CONFIG_S) >= CONFIG_S:
-            self._config_asked_s[vehicle.name] = now_s
-            self._begin(self._read_config(vehicle))
 
     def _begin(self, work: Coroutine[Any, Any, Any]) -> None:
         """Do it meanwhile; asyncio itself forgets a task that nobody holds."""

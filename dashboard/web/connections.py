@@ -16,7 +16,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 MOST = 128
 """Connections that are no WebSockets. A browser opens six."""
 PATIENCE_S = 12.0
-"""For a request to arrive, and from there for its answer and the next: a command takes 8 s at most."""
+"""For a request to arrive, and from there for its answer and the next: a command takes 9 s at most."""
 LINGER_S = 1.0  # for what is still sent of a refused request
 MOST_HEADERS = 64  # browsers send about twenty
 

@@ -160,14 +160,14 @@ def test_a_bad_sample_is_counted_and_left_out(
 
 def test_many_keys_leave_the_vehicle_s_own_their_place(tmp_path: Path, genuine: list[Sample]) -> None:
     kept = recorder(tmp_path)
-    for number in range(70_000):
+    for number in range(1000):
         kept.take(f"holdfast/kelp/{number}", "application/json", b"{}", UTC_NS, 0.0)
     for sample in genuine:
         kept.take(*sample, UTC_NS, 0.0)
     status = kept.status(0.0, 0)
     assert status.recording
     assert status.messages == MAX_CHANNELS + len(genuine)
-    assert status.left_out == 70_000 - MAX_CHANNELS
+    assert status.left_out == 1000 - MAX_CHANNELS
     assert f"more than {MAX_CHANNELS} keys" in status.said
     kept.stop()
     (path,) = tmp_path.glob("*.mcap")
