@@ -36,24 +36,31 @@ def believed_error_m(steps):
 
 def test_a_current_that_takes_more_than_half_of_the_force_leaves_no_error():
     dive = current(0.45, 90.0)
-    dive.run(24.0)
+    dive.run(18.0)
     assert believed_error_m(dive.run(2.0)).mean() < 0.02
 
 
 def test_a_vehicle_that_tilted_as_it_stopped_a_drift_is_soon_at_its_place_again():
     turning = ("current.turn_deg_s=3", "waves.enabled=true", "tether.enabled=true")
     dive = current(0.5, 0.0, *turning)
-    dive.run(18.0)
-    assert believed_error_m(dive.run(4.0)).mean() < 0.1
+    dive.run(16.0)
+    assert believed_error_m(dive.run(3.0)).mean() < 0.1
 
 
 @shared
 def engaged_before_its_position():
     """A vehicle that drifts in a current, and gets a position when it has been engaged for a while."""
-    late = 'faults=[{kind="message_stopped", message="LOCAL_POSITION_NED", duration_s=10.0}]'
+    late = 'faults=[{kind="message_stopped", message="LOCAL_POSITION_NED", duration_s=6.0}]'
     dive = Dive(*DVL, "current.speed_m_s=0.2", late, setpoint=hold(z=2.0))
     dive.tap.to_vehicle.append(Somebody().origin())
     return dive.until(State.ACTIVE)
+
+
+@shared
+def engaged_and_positioned():
+    dive = engaged_before_its_position()
+    dive.run(9.0 - dive.t_s)
+    return dive
 
 
 def offered(step):
@@ -62,7 +69,7 @@ def offered(step):
 
 def test_a_position_that_comes_during_a_dive_is_offered_and_not_taken_up_unasked():
     dive = engaged_before_its_position()
-    before, after = dive.run(9.0 - dive.t_s), dive.run(6.0)
+    before, after = dive.run(5.8 - dive.t_s), dive.run(5.0)
     assert not any(map(offered, before))
     assert all(map(offered, after[150:]))
     assert not any(any(step.sample.requested[:2]) for step in after)
@@ -70,15 +77,14 @@ def test_a_position_that_comes_during_a_dive_is_offered_and_not_taken_up_unasked
 
 @pytest.mark.parametrize("ask", ["hold here", "engage", "go"])
 def test_a_position_that_came_is_taken_up_by_whoever_asks(ask):
-    dive = engaged_before_its_position()
-    dive.run(14.0)
+    dive = engaged_and_positioned()
     there = np.array(dive.step.sample.state.eta[:2])
     if ask == "engage":
         dive.ask(Request.ENGAGE)
     else:
         dive.engine.guide(Goto(x_m=0.5, frame="offset") if ask == "go" else SetPath(action="hold"))
-    dive.run(10.0)
-    steps = dive.run(4.0)
+    dive.run(9.0)
+    steps = dive.run(3.0)
     away = np.array([step.sample.state.eta[:2] for step in steps]) - there
     assert not any(map(offered, steps))
     assert np.ptp(away, axis=0).max() < 0.05
