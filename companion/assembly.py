@@ -10,7 +10,7 @@ from msgspec.structs import asdict
 
 from companion import registry
 from companion.config import AxisSection, Config, ConfigError
-from companion.core import allocation, oscillation, reference, thruster_watch
+from companion.core import allocation, oscillation, predictor, reference, thruster_watch
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
@@ -31,9 +31,9 @@ from companion.core.tilt import (
     TiltLimit,
 )
 from companion.estimation.estimator import Estimator
-from companion.estimation.observer_design import hidden_delay_parameters, model_tables
+from companion.estimation.observer_design import disturbance_lag_s, hidden_delay_parameters, model_tables
 from companion.records import AXES, PSI, vector
-from companion.registry import LYAPUNOV, OBSERVER, Compensator, Law
+from companion.registry import LYAPUNOV, OBSERVER, PREDICTED, Compensator, Law
 from companion.supervision.guard import Envelope
 
 
@@ -111,6 +111,22 @@ def observers(config: Config) -> Observers:
         adapts=config.vehicle.adapts,
         sensor_delay_s=vector([axis.sensor_delay_s for axis in config.axes]),
         tick_s=1.0 / config.loop.rate_hz,
+        predictors=vector([predictor_of(config, dof) for dof in range(len(AXES))]),
+        d_lag_s=vector([disturbance_lag_s(config, nominal, dof) for dof in range(len(AXES))]),
+    )
+
+
+def predictor_of(config: Config, dof: int) -> predictor.Parameters:
+    """Return the network that predicts the disturbance of a degree of freedom."""
+    axis, V = config.axes[dof], predicting_layer(config.network.seed, config.network.units)
+    return predictor.Parameters(
+        V=V,
+        rest=tuple(map(predictor.logistic, predictor.weighed(V, predictor.AT_REST))),
+        disturbance_noise=axis.disturbance_noise,
+        max_disturbance=axis.max_disturbance,
+        tick_s=1.0 / config.loop.rate_hz,
+        turn=dof,
+        predicts=predicts(axis),
     )
 
 
@@ -200,6 +216,11 @@ def control(config: Config) -> Control:
     return Control(model(config), (x, y, z, psi), config.network.start_delay_s)
 
 
+def predicts(axis: AxisSection) -> bool:
+    """Return whether the network predicts an axis' disturbance."""
+    return axis.compensator == PREDICTED
+
+
 def axis_control(config: Config, number: int) -> AxisControl:
     """Return how a degree of freedom is controlled."""
     axis = config.axes[number]
@@ -210,6 +231,7 @@ def axis_control(config: Config, number: int) -> AxisControl:
         law=law(config, axis),
         compensator=compensator(config, axis)[0],
         by_observer=by_observer(axis),
+        predicts=predicts(axis),
         max_disturbance=axis.max_disturbance,
     )
 
@@ -223,7 +245,7 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     """Return what learns on an axis, and the gain by which it integrates −ε near rest."""
     known = registry.compensators(config.compensators)
     name = registry.learner(axis.compensator, known)
-    if not name:
+    if not name or predicts(axis):
         return NO_COMPENSATOR, 0.0
     functions = known[name]
     V = hidden_layer(config.network.seed, config.network.units)
@@ -234,6 +256,13 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
         functions.initial, functions.step, functions.seed, functions.weight_norm, parameters
     )
     return chosen, functions.integral_gain(parameters)
+
+
+@cache
+def predicting_layer(seed: int, units: int) -> tuple[predictor.Inputs, ...]:
+    """Return V of the network that predicts, a column a unit, each N(0, 1)."""
+    columns = np.random.default_rng(seed).standard_normal((predictor.INPUTS, units)).T.tolist()
+    return tuple((a, b, c, d, e, f, g, h, i, j) for a, b, c, d, e, f, g, h, i, j in columns)
 
 
 @cache

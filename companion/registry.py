@@ -18,8 +18,8 @@ from companion.core import integrator, law, network, regressor
 from companion.core.compensator import Signals
 from companion.core.law import Motion, Terms
 
-NONE, OBSERVER, LYAPUNOV = "none", "observer", "lyapunov"
-"""No compensator; the observer's d fed back; the paper's law."""
+NONE, OBSERVER, PREDICTED, LYAPUNOV = "none", "observer", "network+observer", "lyapunov"
+"""No compensator; the observer's d fed back; as the network predicts it; the paper's law."""
 
 SHIPPED = {"integrator": integrator, "regressor": regressor, "network": network}
 

@@ -7,7 +7,7 @@ import math
 
 from companion import assembly
 from companion.config import load_config
-from companion.core import controller, model_learner, observers
+from companion.core import controller, model_learner, observers, predictor
 from companion.core.actuation import NONE
 from companion.core.axis import Ahead, Orders
 from companion.core.observer import Push, Sample
@@ -39,6 +39,7 @@ class Law:
             s.eta_dot_ahead,
             s.ahead_s,
             s.disturbance,
+            predictor.NONE,
             s.delays.total_s,
             s.model.dof_gain,
             s.model.dof_later_s,

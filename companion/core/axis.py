@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 from companion.core import oscillation, reference
 from companion.core.bounds import limited, wrap
 from companion.core.compensator import NO_COMPENSATOR, ChosenCompensator, Signals
+from companion.core.four import Four
 from companion.core.law import ChosenLaw, Motion, Terms
 from companion.core.oscillation import LOG_GAIN_COUNTS_S, mean_disturbance, scaled_disturbance
+from companion.core.predictor import Predicted
 from companion.core.schedule import NO_GAINS, Gains, ScheduledGains, scheduled
 from companion.records import DofSample, Flags, Setpoint, Vector
 
@@ -23,7 +25,10 @@ Aimed = tuple[reference.State, ScheduledGains]
 
 
 class Axis(NamedTuple):
-    """How one degree of freedom is controlled; `by_observer`: the observer's d is fed back."""
+    """How one degree of freedom is controlled.
+
+    `by_observer`: the observer's d is fed back; `predicts`: as it is predicted for when the command acts.
+    """
 
     gains: Gains
     reference: reference.Parameters
@@ -31,6 +36,7 @@ class Axis(NamedTuple):
     law: ChosenLaw
     compensator: ChosenCompensator
     by_observer: bool
+    predicts: bool
     max_disturbance: float
 
 
@@ -59,6 +65,7 @@ class Ahead(NamedTuple):
     eta_dot: Vector
     ahead_s: float
     disturbance: Vector
+    predicted: Four[Predicted]
     delay_s: float
     """Of the whole loop."""
     gain: Vector
@@ -170,12 +177,14 @@ def disturbance(
 ) -> tuple[Any, float, float, bool]:
     """Return what the compensator has learnt, the mean of d, d̂ (N; N·m), and whether it learnt."""
     compensator, learnt = axis.compensator, memory.learnt
-    d = observed(axis, at.ahead.disturbance[i])
+    predicted = at.ahead.predicted[i]
+    d = observed(axis, at.ahead.disturbance[i] + (predicted.rise if axis.predicts else 0.0))
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
     learns, learn_s = at.orders.learns and at.free[i], gains.learning / at.gain[i] * dt_s
     learnt, found, adapting = compensator.step(compensator.parameters, learnt, signals, learn_s, learns)
     mean_d = mean_disturbance(memory.mean_d, d + found, dt_s)
+    adapting = adapting or (axis.predicts and predicted.learns)
     return learnt, mean_d, scaled_disturbance(mean_d, d + found, gains.d_share), adapting
 
 
@@ -206,7 +215,10 @@ def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s:
     if not at.orders.watched:
         return memory.oscillation
     believed_s = at.ahead.delay_s + at.ahead.later_s[i] + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
-    return oscillation.step(axis.oscillation, memory.oscillation, tau, dt_s, believed_s)
+    # A weak vehicle is asked for more, to move as much: that is no oscillation.
+    return oscillation.step(
+        axis.oscillation, memory.oscillation, tau * min(at.gain[i], 1.0), dt_s, believed_s
+    )
 
 
 def sampled(
@@ -238,11 +250,18 @@ def sampled(
         feedback=terms.feedback,
         d_hat=d_hat,
         d_observer=d_observer,
-        weight_norm=axis.compensator.weight_norm(memory.learnt),
+        weight_norm=weight_norm(i, axis, memory, at),
         saturated=at.orders.saturated[i],
         adapting=adapting,
         engaged=at.orders.engaged[i],
     )
+
+
+def weight_norm(i: int, axis: Axis, memory: AxisMemory, at: Place) -> float:
+    """Return the norm of the weights of what learns."""
+    if axis.predicts:
+        return at.ahead.predicted[i].weight_norm
+    return axis.compensator.weight_norm(memory.learnt)
 
 
 def idle(i: int, axis: Axis, memory: AxisMemory, at: Place, dt_s: float) -> tuple[AxisMemory, Sample]:

@@ -7,10 +7,10 @@ from there through the commands that are still under way.
 import math
 from typing import NamedTuple
 
-from companion.core import command_history, hidden_delay, model_learner, observer
+from companion.core import command_history, hidden_delay, model_learner, observer, predictor
 from companion.core.bounds import clamped, wrap
 from companion.core.command_history import SentCommand
-from companion.core.four import Four, each_of_two
+from companion.core.four import Four, each, each_of_two
 from companion.core.hidden_delay import HiddenDelayState
 from companion.core.model_learner import LearnerMemory, Schedule, Shown, Tables
 from companion.core.observer import ByInterval, ObserverParameters, ObserverState, Push, Sample
@@ -24,6 +24,7 @@ from companion.core.positioning import (
     jacobian,
     to_body,
 )
+from companion.core.predictor import Predicted
 from companion.records import PSI, Flags, Vector, X, Y, Z, vector
 
 PREDICTION_STEP_S = 0.035
@@ -65,6 +66,21 @@ class Observers(NamedTuple):
     """Whether what is found of the vehicle is used."""
     sensor_delay_s: Vector
     tick_s: float
+    predictors: Four[predictor.Parameters]
+    d_lag_s: Vector
+    """By how much d is late while it changes, of the nominal vehicle."""
+
+
+class Feedback(NamedTuple):
+    """What the controller makes of d, and how its references move where the command acts."""
+
+    d_share: Vector
+    """What d̂ is scaled by: the d of the prediction is scaled by the same."""
+    rates: Vector
+    accelerations: Vector
+
+
+NO_FEEDBACK = Feedback((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
 
 
 class DofMemory(NamedTuple):
@@ -78,6 +94,7 @@ class DofMemory(NamedTuple):
     """Ticks since position and rate were measured."""
     q: float
     """Where it was in the last tick."""
+    predictor: predictor.State
 
 
 class ObserversMemory(NamedTuple):
@@ -119,6 +136,8 @@ class Motion(NamedTuple):
     eta_ahead: Vector
     eta_dot_ahead: Vector
     disturbance: Vector
+    predicted: Four[Predicted]
+    """What the disturbance rises until the command acts."""
     innovation: Vector
 
 
@@ -142,6 +161,7 @@ class Moving(NamedTuple):
     q_ahead: float
     q_dot_ahead: float
     disturbance: float
+    predicted: Predicted
     innovation: float
 
 
@@ -152,33 +172,42 @@ NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan), begins=ma
 def start(observers: Observers) -> ObserversMemory:
     """Know nothing of motion and vehicle, and have sent nothing."""
     hidden = hidden_delay.start(0.0, observers.hidden_s)
-    return restarted(hidden, model_learner.start(observers.tables, observers.lag_s))
-
-
-def restarted(hidden: HiddenDelayState, learner: LearnerMemory) -> ObserversMemory:
-    """Forget motion and commands; what was found of vehicle and delay stays."""
-    rest = _stays(0.0, observer.at_rest(0.0), -math.inf, 0.0)
     return ObserversMemory(
-        dofs=(rest, rest, rest, rest),
-        hidden=hidden_delay.start(0.0, hidden.hidden_s),
-        learner=model_learner.begun(learner, (0.0, 0.0, 0.0, 0.0)),
+        dofs=each(_unknown, each(predictor.start, observers.predictors)),
+        hidden=hidden,
+        learner=model_learner.start(observers.tables, observers.lag_s),
         commands=command_history.start(),
     )
 
 
+def restarted(memory: ObserversMemory) -> ObserversMemory:
+    """Forget motion and commands; what was found of vehicle, delay and disturbance stays."""
+    x, y, z, psi = memory.dofs
+    return ObserversMemory(
+        dofs=each(_unknown, (x.predictor, y.predictor, z.predictor, psi.predictor)),
+        hidden=hidden_delay.start(0.0, memory.hidden.hidden_s),
+        learner=model_learner.begun(memory.learner, (0.0, 0.0, 0.0, 0.0)),
+        commands=command_history.start(),
+    )
+
+
+def _unknown(predicting: predictor.State) -> DofMemory:
+    """Return what is remembered of one whose place is not known."""
+    return _stays(0.0, observer.at_rest(0.0), -math.inf, 0.0, predictor.interrupted(predicting))
+
+
 def step(
-    observers: Observers, memory: ObserversMemory, inputs: Inputs, d_share: Vector = (1.0, 1.0, 1.0, 1.0)
+    observers: Observers, memory: ObserversMemory, inputs: Inputs, feedback: Feedback = NO_FEEDBACK
 ) -> tuple[ObserversMemory, Motion]:
     """Bring each observer on to the newest measurements and predict from there to now and ahead.
 
-    What is `stale` rests where it was. `d_share`, by DOF, is what the controller scales d̂ by: the predicted d
-    is scaled by the same.
+    What is `stale` rests where it was.
     """
     memory = _rested(memory, inputs)
     J = jacobian(memory.dofs[PSI].state.q)
     schedule = model_learner.turned(observers.tables, memory.learner, J)
     now = _now(observers, memory, inputs, J)
-    observed = [_observed(observers, memory, schedule, now, inputs, dof, d_share[dof]) for dof in range(4)]
+    observed = [_observed(observers, memory, schedule, now, inputs, feedback, dof) for dof in range(4)]
     shown = vector([one for _, _, one in observed])
     learner = model_learner.learnt(
         memory.learner,
@@ -257,14 +286,15 @@ def _observed(
     schedule: Schedule,
     now: Now,
     inputs: Inputs,
+    feedback: Feedback,
     dof: int,
-    d_share: float,
 ) -> tuple[DofMemory, Moving, Shown]:
     """Advance, correct and predict one degree of freedom."""
     was, from_s, to_s, tick_s = memory.dofs[dof], now.from_s[dof], now.to_s[dof], observers.tick_s
     if inputs.stale[dof]:
         mean_d = mean_disturbance(was.mean_d, 0.0, tick_s)
-        return _stays(was.q, was.state, to_s, mean_d), _still(was.q, 0.0, 0.0), NOTHING_SHOWN
+        rests = _stays(was.q, was.state, to_s, mean_d, predictor.interrupted(was.predictor))
+        return rests, _still(was.q, 0.0, 0.0), NOTHING_SHOWN
     sent_s, step_s = inputs.command_s, _to_go(inputs.now_s, inputs.ahead_s, to_s) / now.steps
     thrusts = command_history.mean_thrusts(
         memory.commands, dof, from_s - sent_s, to_s - sent_s, step_s, now.steps
@@ -275,17 +305,40 @@ def _observed(
     if not is_believable(state):
         shown = Shown(push=NO_PUSH, sample=shown.sample, begins=shown.begins)
         mean_d, moving = was.mean_d, _still(math.nan, math.nan, innovation)
+        predicting = predictor.interrupted(was.predictor)
     else:
         mean_d = mean_disturbance(was.mean_d, state.d, tick_s)
         model = observer.coefficients(push, gain, control[0].thrust_lag_s, step_s)
-        d_hat = scaled_disturbance(mean_d, state.d, d_share)
+        to_go_s = step_s * now.steps
+        horizon_s = observers.d_lag_s[dof] + to_go_s + control[0].thrust_lag_s
+        predicting = _predicting(observers, was.predictor, inputs, feedback, dof, state.d, horizon_s)
+        predicted = predicting.predicted
+        meanwhile = predicted.rise * ((observers.d_lag_s[dof] + 0.5 * to_go_s) / horizon_s)
+        d_hat = scaled_disturbance(mean_d, state.d + meanwhile, feedback.d_share[dof])
         trajectory = observer.predict(model, state, thrusts[1:], d_hat)
         q, q_dot = interpolate(trajectory, (inputs.now_s - to_s) / max(step_s, SHORTEST_S))
         # What of k + h the observer's diagonal drag leaves out it takes for disturbance.
         left_out = now.forces[dof] / gain - push.c / gain * state.v if inputs.positioned else 0.0
         q_ahead, q_dot_ahead, _ = trajectory[-1]
-        moving = Moving(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, innovation)
-    return DofMemory(state, to_s, mean_d, since, moving.q), moving, shown
+        moving = Moving(q, q_dot, q_ahead, q_dot_ahead, state.d - left_out, predicted, innovation)
+    return DofMemory(state, to_s, mean_d, since, moving.q, predicting), moving, shown
+
+
+def _predicting(
+    observers: Observers,
+    state: predictor.State,
+    inputs: Inputs,
+    feedback: Feedback,
+    dof: int,
+    d: float,
+    horizon_s: float,
+) -> predictor.State:
+    """Predict d where our commands alone move the vehicle: only there d is what the water does."""
+    free = inputs.learns[dof] and (dof > Y or (inputs.learns[X] and inputs.learns[Y]))
+    if not free:
+        return predictor.interrupted(state)
+    rate, acceleration = feedback.rates[dof], feedback.accelerations[dof]
+    return predictor.step(observers.predictors[dof], state, d, rate, acceleration, horizon_s)
 
 
 def _corrected(
@@ -317,14 +370,16 @@ def _corrected(
     return observer.correct(gains, state, e_q, e_v), since, e_q, shown
 
 
-def _stays(q: float, state: ObserverState, to_s: float, mean_d: float) -> DofMemory:
+def _stays(
+    q: float, state: ObserverState, to_s: float, mean_d: float, predicting: predictor.State
+) -> DofMemory:
     """Return what is remembered of one that was not observed."""
-    return DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=(0.0, 0.0), q=q)
+    return DofMemory(state=state, observed_s=to_s, mean_d=mean_d, since=(0.0, 0.0), q=q, predictor=predicting)
 
 
 def _still(q: float, rest: float, innovation: float) -> Moving:
     """Return one that stays at q; `rest` is its rates and its disturbance."""
-    return Moving(q, rest, q, rest, rest, innovation)
+    return Moving(q, rest, q, rest, rest, predictor.NOTHING, innovation)
 
 
 def _hidden(observers: Observers, hidden: HiddenDelayState, shown: Shown, gain: float) -> HiddenDelayState:
@@ -344,6 +399,7 @@ def _motion(dofs: list[Moving]) -> Motion:
         eta_ahead=(x.q_ahead, y.q_ahead, z.q_ahead, wrap(psi.q_ahead)),
         eta_dot_ahead=(x.q_dot_ahead, y.q_dot_ahead, z.q_dot_ahead, psi.q_dot_ahead),
         disturbance=(x.disturbance, y.disturbance, z.disturbance, psi.disturbance),
+        predicted=(x.predicted, y.predicted, z.predicted, psi.predicted),
         innovation=(x.innovation, y.innovation, z.innovation, psi.innovation),
     )
 
@@ -377,7 +433,8 @@ def without_thrust(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
 
 def _without_thrust(memory: DofMemory, lost: float) -> DofMemory:
     state = memory.state._replace(f=memory.state.f - lost, d=memory.state.d - lost)
-    return memory._replace(state=state, mean_d=memory.mean_d - lost)
+    predicting = predictor.without_thrust(memory.predictor, lost)
+    return memory._replace(state=state, mean_d=memory.mean_d - lost, predictor=predicting)
 
 
 def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:

@@ -29,8 +29,12 @@ VIOLENT = 12.0
 SHRINK_S = 0.3
 RECOVER_S = 10.0
 LEAST = 0.1
+CONFIRMED_S = 30.0
+"""A cycle that begins so soon after another confirms it: an approach or a load rings once, and the gains come
+back whole within RECOVER_S."""
+
 RELAPSE_SHARE = 0.7
-"""Of the scale at which a limit cycle began: so far the gains come back within RECOVER_S."""
+"""Of the scale at which a confirmed limit cycle began: so far the gains come back within RECOVER_S."""
 
 FORGET_S = 600.0
 """Beyond that they come back as slowly as this, from nothing to all of them."""
@@ -68,9 +72,11 @@ class State(NamedTuple):
     lasts_s: float
     delay_s: float
     """What the loop's delay was believed to be when the last cycle began; infinite without one."""
+    ended_s: float
+    """How long ago the last cycle ended."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf)
 """Full gains, and nothing seen yet."""
 
 
@@ -87,14 +93,16 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     cycles = lasts_s > TRANSIENT_S
     explained = delay_s > state.delay_s + EXPLAINED_S
     if cycles and state.lasts_s <= TRANSIENT_S:
-        began_s, ceiling = delay_s, RELAPSE_SHARE * state.gain_scale
+        began_s = delay_s
+        ceiling = RELAPSE_SHARE * state.gain_scale if state.ended_s < CONFIRMED_S else state.ceiling
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:
         began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
     ceiling = clamped(ceiling, parameters.least, 1.0)
-    return State(clamped(scale, parameters.least, ceiling), ceiling, slow, power, lasts_s, began_s)
+    ended_s = 0.0 if cycles else state.ended_s + dt_s
+    return State(clamped(scale, parameters.least, ceiling), ceiling, slow, power, lasts_s, began_s, ended_s)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

@@ -13,7 +13,7 @@ from companion.core.allocation import ByAxis
 from companion.core.axis import Ahead, Orders
 from companion.core.controller import Control, ControlMemory, Samples
 from companion.core.levelling import Response
-from companion.core.observers import Inputs, Motion, Observers, ObserversMemory
+from companion.core.observers import Feedback, Inputs, Motion, Observers, ObserversMemory
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
@@ -84,7 +84,7 @@ def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Mem
     """Bring the observers on to what was measured; go on without a motor that was found dead."""
     observed, controlled, actuated, limits, watch, ticks = memory
     delay_s = inputs.telemetry_s + inputs.command_s + observed.hidden.hidden_s
-    observed, motion = observers.step(parameters.observers, observed, inputs, shares(controlled))
+    observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled))
     known = known_of(inputs, motion, observed.learner.model, delay_s, watch.dead, parameters.observers.adapts)
     if known.dead_motor != actuated.dead_motor:
         actuated, lost = actuation.gone_on_without(
@@ -155,10 +155,24 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     )
 
 
-def shares(memory: ControlMemory) -> Vector:
-    """Return what d̂ is scaled by in each degree of freedom: the prediction scales d by the same."""
+def feedback(memory: ControlMemory) -> Feedback:
+    """Return what the observers predict with."""
     x, y, z, psi = memory.axes
-    return (x.d_share, y.d_share, z.d_share, psi.d_share)
+    return Feedback(
+        d_share=(x.d_share, y.d_share, z.d_share, psi.d_share),
+        rates=(
+            x.reference.x_d_dot,
+            y.reference.x_d_dot,
+            z.reference.x_d_dot,
+            psi.reference.x_d_dot,
+        ),
+        accelerations=(
+            x.reference.x_d_ddot,
+            y.reference.x_d_ddot,
+            z.reference.x_d_ddot,
+            psi.reference.x_d_ddot,
+        ),
+    )
 
 
 def known_of(
@@ -172,6 +186,7 @@ def known_of(
         eta_dot=motion.eta_dot_ahead,
         ahead_s=inputs.ahead_s,
         disturbance=motion.disturbance,
+        predicted=motion.predicted,
         delay_s=delay_s,
         gain=model.dof_gain,
         later_s=model.dof_later_s,

@@ -163,7 +163,7 @@ class Estimator:
             delays, self._hidden_s = self._meter.delays, 0.0
         self._loop_delays = replace(delays, hidden_s=self._hidden_s)
         if self._restarted:
-            memory = observers.restarted(memory.hidden, memory.learner)
+            memory = observers.restarted(memory)
             self._restarted = False
         return memory, self._inputs(now_s, delays, learns)
 

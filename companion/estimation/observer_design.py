@@ -32,6 +32,10 @@ QUIET_N = 1.0
 """Disturbance noise, N/√s, of the observer that looks for hidden delay: it leans on the model."""
 
 
+MEASURED: Array = np.array(((1.0, 0.0, 0.0, 0.0, 1.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0, 1.0)))
+"""Position and rate of the observer's state, with their slow noise."""
+
+
 class Noise(NamedTuple):
     """Standard deviations from which the Kalman gain is computed.
 
@@ -163,15 +167,31 @@ def observer_parameters(
     return ObserverParameters(thrust_lag_s, noise.slow_time_s, by_position, by_rate)
 
 
+def disturbance_lag_s(config: Config, model: Model, dof: int) -> float:
+    """Return by how much the nominal vehicle's estimate of a disturbance that rises steadily is late, s."""
+    known = vehicle(config, model, dof, config.axes[dof].disturbance_noise)
+    gains = known.like(0.0, known.lag_s, 1)
+    A = _transition(known.m, known.c, known.lag_s, known.noise.slow_time_s, known.dt_s)
+    keeps = np.eye(6) - np.array((gains.by_position, gains.by_rate)).T @ MEASURED
+    rises = known.dt_s * np.eye(6)[3]
+    return float(np.linalg.solve(np.eye(6) - keeps @ A, keeps @ rises)[3])
+
+
+def _transition(m: float, c: float, lag_s: float, slow_time_s: float, dt_s: float) -> Array:
+    """Return what a tick makes of the observer's state (6, 6)."""
+    A: Array = np.eye(6)
+    A[0, 1] = dt_s
+    A[1, 1:4] = np.array([m, dt_s, -dt_s]) / (m + dt_s * c)
+    A[2, 2] = np.exp(-dt_s / lag_s)
+    A[4, 4] = A[5, 5] = np.exp(-dt_s / slow_time_s)
+    return A
+
+
 def _stationary_gain(
     m: np.float64, c: np.float64, lag_s: float, noise: Noise, dt_s: float, interval: int
 ) -> Array:
     """Return the Kalman gain (6, 2) to which the Riccati recursion settles (Simon 2006, ch. 7.3)."""
-    A = np.eye(6)
-    A[0, 1] = dt_s
-    A[1, 1:4] = np.array([m, dt_s, -dt_s]) / (m + dt_s * c)
-    A[2, 2] = np.exp(-dt_s / lag_s)
-    A[4, 4] = A[5, 5] = np.exp(-dt_s / noise.slow_time_s)
+    A = _transition(m, c, lag_s, noise.slow_time_s, dt_s)
     slow = 2.0 * dt_s / noise.slow_time_s
     Q = np.diag(
         (
@@ -184,8 +204,7 @@ def _stationary_gain(
         )
     )
     R = np.diag((noise.position**2, noise.rate**2))
-    C = np.zeros((2, 6))
-    C[0, 0] = C[0, 4] = C[1, 1] = C[1, 5] = 1.0
+    C = MEASURED
     between, added = A, Q
     for _ in range(interval - 1):
         between, added = A @ between, A @ added @ A.T + Q
