@@ -12,6 +12,11 @@ water does. A fading-memory filter with a double pole at OMEGA_RADPS takes what 
 
 with n = OMEGA_RADPS times the seconds that are remembered. It counts as wrong by |θ| − 2σ. A velocity that is
 measured in body axes and turned by the same heading (a DVL without a position of its own) always agrees.
+A disturbance that the thrust counters looks like a push the other way, but what is left of it is small: it
+counts only where the vehicle moves by LEAST_RESPONSE of what the thrust makes, |S_uv| over S_uu.
+
+A place that a wrong heading lost is tried again once the evidence is gone: after RETRIED_S, then after twice
+as long each time, for without thrust there is no evidence.
 
 | symbol | meaning                                     | unit  |
 |--------|---------------------------------------------|-------|
@@ -41,6 +46,8 @@ COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
 """From where the course is reported to differ, and from where a place is not held."""
 
 LEAST_COHERENCE = 0.05
+LEAST_RESPONSE = 0.5
+RETRIED_S = 30.0
 LASTS_S = 2.0
 GAP_S = 1.0
 """After a longer gap between measurements the filters begin again."""
@@ -73,6 +80,7 @@ class HeadingWatch:
     def restart(self) -> None:
         """Forget what was reported."""
         self._lost = False
+        self._released_s, self._retried_s = 0.0, RETRIED_S
         self._rest_gyro()
         self._rest_course()
 
@@ -133,6 +141,7 @@ class HeadingWatch:
         """
         if not pushes:
             self._rest_course()
+            self._wait(dt_s)
             return
         ahead = cmath.exp(1j * heading)
         gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
@@ -160,11 +169,17 @@ class HeadingWatch:
         self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
         self._lost |= self._lost_s > LASTS_S
 
+    def _wait(self, dt_s: float) -> None:
+        """Let a place that was lost be tried again after a while."""
+        self._released_s = self._released_s + dt_s if self._lost else 0.0
+        if self._released_s > self._retried_s:
+            self._lost, self._retried_s = False, 2.0 * self._retried_s
+
     def _off_rad(self) -> float:
         """Return by how much the heading is surely off."""
         seen = self._uu > self._seconds * LEAST_MPS**2 and self._vv > 0.0
         coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if seen else 0.0
-        if coherence < LEAST_COHERENCE:
+        if coherence < LEAST_COHERENCE or abs(self._uv) < LEAST_RESPONSE * self._uu:
             self._course_rad = math.nan
             return 0.0
         self._course_rad = cmath.phase(self._uv)

@@ -179,7 +179,8 @@ class Condition(IntFlag):
     HEADING_WRONG = (
         "the heading is wrong",
         "it turned by 10° without the gyro, or the vehicle moves 30° aside of its thrust; from 40° on x and"
-        " y are released until somebody engages again; depth and heading are held",
+        " y are released, and tried again after 30 s, then after twice as long each time; depth and heading"
+        " are held",
         "move away from steel, calibrate the compass, check its orientation; then engage again (`holdfast "
         "engage`, button or dashboard)",
         "a heading that agrees with the gyro and the course over ground",

@@ -18,7 +18,7 @@ def place_held(step):
     return any(step.sample.requested[:2])
 
 
-def test_a_wrong_heading_releases_the_place_and_not_the_depth_until_somebody_engages_again():
+def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_and_less():
     """Of a vehicle whose compass was the wrong way round; other angles are in test_heading_watch.py."""
     fault = 'faults=[{kind="compass", value=180.0}]'
     dive = Dive(*KNOWS_NORTH, fault, setpoint=hold(x=0.0, y=0.0), engage=False)
@@ -31,12 +31,30 @@ def test_a_wrong_heading_releases_the_place_and_not_the_depth_until_somebody_eng
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert np.abs([step.truth.eta[Z] - 1.0 for step in steps[-500:]]).max() < 0.03
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 3.0
+    steps += dive.run(120.0)
+    held = np.array([*map(place_held, steps)])
+    tries = np.flatnonzero(np.diff(held.astype(int)) == 1) * 0.02
+    assert len(tries) == 2
+    assert tries[1] - tries[0] > 1.5 * tries[0]
+    assert np.abs([step.truth.eta[:2] for step in steps]).max() < 8.0
     dive.fault("clear")
-    released = dive.run(90.0)
-    assert not any(map(place_held, released))
     dive.ask(Request.ENGAGE)
     steps = dive.run(15.0)
     assert not any(reported(steps)[1:])
+    assert np.abs([step.sample.dofs.e[X] for step in steps[-200:]]).max() < 0.1
+
+
+def test_a_place_is_tried_again_when_the_evidence_is_gone():
+    fault = 'faults=[{kind="compass", value=180.0}]'
+    dive = Dive(*KNOWS_NORTH, fault, setpoint=hold(x=0.0, y=0.0), engage=False)
+    dive.run(SETTLES_S)
+    dive.ask(Request.ENGAGE)
+    dive.until(State.ACTIVE)
+    dive.run(12.0)
+    dive.fault("clear")
+    dive.run(60.0)
+    steps = dive.run(15.0)
+    assert all(map(place_held, steps))
     assert np.abs([step.sample.dofs.e[X] for step in steps[-200:]]).max() < 0.1
 
 
