@@ -14,7 +14,7 @@ from companion.core import allocation, oscillation, predictor, reference, thrust
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
-from companion.core.compensator import BESIDE_OBSERVER, INPUTS, NO_COMPENSATOR, ChosenCompensator, Inputs
+from companion.core.compensator import INPUTS, NO_COMPENSATOR, ChosenCompensator, Inputs
 from companion.core.controller import Control
 from companion.core.law import ChosenLaw
 from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
@@ -249,7 +249,7 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
         return NO_COMPENSATOR, 0.0
     functions = known[name]
     V = hidden_layer(config.network.seed, config.network.units)
-    shared = asdict(config.network) | {BESIDE_OBSERVER: by_observer(axis), "hidden": V}
+    shared = asdict(config.network) | {"hidden": V}
     values = asdict(axis) | shared | config.compensators.get(name, {})
     parameters = parameters_of(functions, values, name)
     chosen = ChosenCompensator(

@@ -40,6 +40,10 @@ REPLACED: Mapping[str, tuple[str, str]] = {
 FORMER_VALUES: Mapping[str, Mapping[bool | str, str]] = {
     "telemetry.allow_control": {False: "never", True: "always"},
     "vehicle.depth_source": {"vfr_hud": "relative_alt", "ahrs2": "pressure"},
+    **{
+        f"{axis}.compensator": dict.fromkeys(("regressor", "regressor+observer"), "network+observer")
+        for axis in ("surge", "sway", "heave", "yaw")
+    },
 }
 """Values that keys had in older versions, and what takes their place."""
 
@@ -171,7 +175,7 @@ class AxisSection(AxisModel, frozen=True):
     compensator: Annotated[
         str,
         means(
-            "estimates the disturbance: none, integrator, regressor, network, one of [compensators], "
+            "estimates the disturbance: none, integrator, network, one of [compensators], "
             "observer, or one with +observer: docs/your-own-controller.md"
         ),
     ] = "network+observer"

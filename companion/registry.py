@@ -14,14 +14,14 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
 
-from companion.core import integrator, law, network, regressor
+from companion.core import integrator, law, network
 from companion.core.compensator import Signals
 from companion.core.law import Motion, Terms
 
 NONE, OBSERVER, PREDICTED, LYAPUNOV = "none", "observer", "network+observer", "lyapunov"
 """No compensator; the observer's d fed back; as the network predicts it; the paper's law."""
 
-SHIPPED = {"integrator": integrator, "regressor": regressor, "network": network}
+SHIPPED = {"integrator": integrator, "network": network}
 
 Tables = Mapping[str, Mapping[str, Any]]
 

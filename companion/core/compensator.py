@@ -13,7 +13,6 @@ One file each, such as `integrator.py`, which is the shortest. A file defines
 and gets its name in `companion/registry.py`, by an entry point, or in the configuration.
 A key is one of the axis (`heave.learning_rate`), or of the compensator's own table (`[compensators.NAME]`).
 Where Parameters are made of keys and not keys themselves, `parameters(values)` makes them: see `network.py`.
-Among the values is BESIDE_OBSERVER: whether the observer's d is fed back beside the compensator.
 
 All learn by the same conventions, which `dead_zone_error` holds: leak, dead zone on ε, projection |d̂| ≤ d_max
 without pushing further outward, freeze where not allowed. The observer's d comes with the vehicle's state.
@@ -26,7 +25,6 @@ from companion.core.bounds import limited
 
 Inputs = tuple[float, float, float, float, float, float]
 INPUTS = 6
-BESIDE_OBSERVER = "beside_observer"
 
 
 class Signals(NamedTuple):

@@ -7,9 +7,7 @@ function. Back-propagation of the combined error ε, with leak, dead zone, proje
 
 The sign follows from m ε̇ = −m κ ε + d̂ − d*: a positive ε asks for a smaller d̂.
 
-Beside the observer, which knows what is constant, the network learns only what depends on the motion: what a
-unit gives at rest is taken off its output, σ(Vᵀθ) − σ(V(0)ᵀθ₀) with θ₀ = [1, 0, 0, 0, 0, 0]. Otherwise both
-would integrate the same error, and the sum is slower to follow a wave.
+It is the paper's, alone (`network`). Beside the observer another one predicts (`predictor.py`).
 
 | symbol | key of the configuration | unit (heave; yaw)                          |
 |--------|--------------------------|--------------------------------------------|
@@ -27,15 +25,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from companion.core.bounds import limited, square_root
-from companion.core.compensator import BESIDE_OBSERVER, Inputs, Signals, dead_zone_error, inputs
+from companion.core.compensator import Inputs, Signals, dead_zone_error, inputs
 
-AT_REST: Inputs = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SATURATED = 40.0
 """e⁻ˣ of more would only make σ smaller."""
 
 
 class Parameters(NamedTuple):
-    """How the weights move; `hidden` is V(0), a column for each unit, `rest` what is taken off its output."""
+    """How the weights move; `hidden` is V(0), a column for each unit."""
 
     learning_rate: float
     hidden_learning_rate: float
@@ -43,7 +40,6 @@ class Parameters(NamedTuple):
     dead_zone: float
     max_disturbance: float
     hidden: tuple[Inputs, ...]
-    rest: tuple[float, ...]
 
 
 class State(NamedTuple):
@@ -55,9 +51,7 @@ class State(NamedTuple):
 
 def parameters(values: Mapping[str, Any]) -> Parameters:
     """Return parameters with V(0) = `hidden`, the same on every axis."""
-    V, beside = values["hidden"], values.get(BESIDE_OBSERVER, False)
-    own = {name: values[name] for name in Parameters._fields if name != "rest"}
-    return Parameters(**own, rest=tuple(sigmoid(V, AT_REST)) if beside else (0.0,) * len(V))
+    return Parameters(**{name: values[name] for name in Parameters._fields})
 
 
 def initial(parameters: Parameters) -> State:
@@ -77,24 +71,21 @@ def learnt(
     parameters: Parameters, state: State, theta: Inputs, eps: float, learn_s: float, adapt: bool
 ) -> tuple[State, float, bool]:
     """Return what `step` does, for any inputs θ: eq. ann."""
-    eta, eta_V, leak, dead_zone, d_max, V_0, rest = parameters
+    eta, eta_V, leak, dead_zone, d_max, V_0 = parameters
     W, V = state
     sigma = sigmoid(V, theta)
-    phi = [sigma[j] - rest[j] for j in range(len(sigma))]
-    learning, error = dead_zone_error(dot(W, phi), eps, adapt, dead_zone, d_max)
+    learning, error = dead_zone_error(dot(W, sigma), eps, adapt, dead_zone, d_max)
     if learning:
         keep, gain, gain_V = 1.0 - learn_s * leak, learn_s * eta * error, learn_s * eta_V * error
         if eta_V > 0.0:
             pull = [gain_V * (W[j] * sigma[j] * (1.0 - sigma[j])) for j in range(len(W))]
             V = [back_propagated(V[j], V_0[j], keep, pull[j], theta) for j in range(len(V))]
-        W = [keep * W[j] - gain * phi[j] for j in range(len(W))]
-    return State(W, V), limited(dot(W, phi), d_max), learning
+        W = [keep * W[j] - gain * sigma[j] for j in range(len(W))]
+    return State(W, V), limited(dot(W, sigma), d_max), learning
 
 
 def seed(parameters: Parameters, state: State, signals: Signals, d_hat: float) -> State:
-    """Answer these signals with `d_hat`, by the smallest change of W; beside the observer stay as it is."""
-    if parameters.rest[0] > 0.0:
-        return state
+    """Answer these signals with `d_hat`, by the smallest change of W."""
     sigma = sigmoid(state.V, inputs(signals))
     missing = (limited(d_hat, parameters.max_disturbance) - dot(state.W, sigma)) / dot(sigma, sigma)
     return State([state.W[j] + missing * sigma[j] for j in range(len(sigma))], state.V)
@@ -106,7 +97,7 @@ def weight_norm(state: State) -> float:
 
 
 def integral_gain(parameters: Parameters) -> float:
-    """Return η n/4: the outputs of n units are ½ at rest. Beside the observer it is less."""
+    """Return η n/4: the outputs of n units are ½ at rest."""
     return 0.25 * len(parameters.hidden) * parameters.learning_rate
 
 

@@ -94,7 +94,8 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     explained = delay_s > state.delay_s + EXPLAINED_S
     if cycles and state.lasts_s <= TRANSIENT_S:
         began_s = delay_s
-        ceiling = RELAPSE_SHARE * state.gain_scale if state.ended_s < CONFIRMED_S else state.ceiling
+        confirmed = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
+        ceiling = RELAPSE_SHARE * state.gain_scale if confirmed else 1.0
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:

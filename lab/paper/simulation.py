@@ -242,6 +242,6 @@ def _compensator(kind: str, seed: int) -> tuple[Callable[..., float], Any, Array
     if kind == "network":
         units = np.zeros((UNITS, 7))
         units[:, 1 : 1 + INPUTS] = np.random.default_rng(seed).standard_normal((INPUTS, UNITS)).T
-        parameters = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS, (0.0,) * UNITS)
+        parameters = network.Parameters(ETA, ETA_V, 0.0, 0.0, inf, ((0.0,) * 6,) * UNITS)
         return by_network, parameters, units.reshape(-1)
     return by_nothing, 0.0, np.zeros(1)

@@ -87,10 +87,7 @@ COMPETITORS: Mapping[str, Competitor] = {
         autopilot={"PSC_POSZ_P": 4.951, "PSC_VELZ_P": 8.737, "PSC_ACCZ_P": 2.982, "PSC_ACCZ_I": 0.09086},
     ),  # searched with the others' width and budget on 2026-11-25 (`holdfast lab tune alt_hold`, 65e8a66)
     "law": Competitor("law", compensator="none"),
-    **{
-        name: Competitor(f"law + {name}", compensator=name)
-        for name in ("integrator", "regressor", "network", "observer")
-    },
+    **{name: Competitor(f"law + {name}", compensator=name) for name in ("integrator", "network", "observer")},
     "holdfast": Competitor("searched anew"),
     "ppi": _rival(
         "P-PI",

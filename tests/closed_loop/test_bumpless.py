@@ -16,8 +16,8 @@ from companion.records import Request, Setpoint, State
 STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 """N and N·m from one tick to the next: 2 % of what heave and yaw can give."""
 
-COMPENSATORS = ("network", "observer", "none", "integrator", "regressor", "network+observer", "network")
-LEARNS = {"network": 160.0, "integrator": 400.0, "regressor": 100.0, "network+observer": 160.0}
+COMPENSATORS = ("network", "observer", "none", "integrator", "network+observer", "network")
+LEARNS = {"network": 160.0, "integrator": 400.0, "network+observer": 160.0}
 QUIET = tuple(f"sensors.{noise}=0.0" for noise in STILL_SENSORS)
 PULLED = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=12.0")
 

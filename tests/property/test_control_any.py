@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from learner import hidden
 
-from companion.core import integrator, network, regressor
+from companion.core import integrator, network
 from companion.core.bounds import limited, wrap
-from companion.core.compensator import BESIDE_OBSERVER, Signals
+from companion.core.compensator import Signals
 from companion.core.law import rov_law
 
 some = st.floats(-100.0, 100.0)
@@ -45,10 +45,9 @@ def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, 
 def learners(d_max):
     """Every shipped compensator that learns, quickly."""
     values = {"learning_rate": 300.0, "hidden_learning_rate": 0.0, "leak_per_s": 0.0, "dead_zone": 0.0}
-    values |= {"max_disturbance": d_max, "hidden": hidden(10), BESIDE_OBSERVER: False}
+    values |= {"max_disturbance": d_max, "hidden": hidden(10)}
     yield network, network.parameters(values)
-    for module in (integrator, regressor):
-        yield module, module.Parameters(*(values[key] for key in module.Parameters._fields))
+    yield integrator, integrator.Parameters(*(values[key] for key in integrator.Parameters._fields))
 
 
 signals = st.builds(Signals, some, some, some, some, some, some)

@@ -207,7 +207,7 @@ def retune():
     for overrides in (
         ("heave.lambda_per_s=4", "heave.kappa_per_s=7", "yaw.mass=0.6", "surge.max_force=50"),
         ('heave.compensator="integrator"', "heave.learning_rate=400", "supervisor.ramp_down_s=2"),
-        ('heave.compensator="regressor"', "heave.learning_rate=100", "sway.lambda_per_s=1.2"),
+        ('heave.compensator="integrator"', "heave.learning_rate=100", "sway.lambda_per_s=1.2"),
         ('heave.compensator="network"', "heave.learning_rate=160", "supervisor.max_depth_m=20"),
         (),
     ):
@@ -233,11 +233,11 @@ def compensators(*four, rates=(300.0, 100.0, 60.0, 5.0)):
 
 
 def compensators_1():
-    return compensators("regressor", "network+observer", "network", "integrator")
+    return compensators("observer", "network+observer", "network", "integrator")
 
 
 def compensators_2():
-    return compensators("integrator", "none", "regressor", "network+observer")
+    return compensators("integrator", "none", "observer", "network+observer")
 
 
 def ekf_resets():

@@ -14,7 +14,7 @@ import pytest
 from companion import assembly, core
 from companion.config import load_config
 from companion.core import bounds as subject_of_modules
-from companion.core import integrator, regressor
+from companion.core import integrator
 from companion.core.tick import confirm, control, observe
 from lab.batch import compiled as subject
 from lab.batch.compiled import cached, compiled, digest
@@ -115,7 +115,7 @@ def test_a_changed_or_new_source_changes_the_digest(tmp_path):
 
 
 EQUATIONS = [
-    *(integrator.step, regressor.step, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
+    *(integrator.step, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
     *(plant.rotation, plant.down_axis, plant.ned_velocity, plant.euler, plant.derivative, plant.step),
     *(thrusters.static_thrust, thrusters.follow_of, body.moved),
 ]

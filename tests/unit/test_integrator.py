@@ -49,7 +49,6 @@ def test_a_network_whose_units_rest_at_one_half_is_an_integrator_of_eta_n_over_4
         hidden_learning_rate=0.0,
         max_disturbance=np.inf,
         hidden=hidden(5, inputs=0),
-        rest=(0.0,) * 5,
     )
     gain = network.integral_gain(learner.parameters)
     assert gain == 200.0 * 5 / 4.0

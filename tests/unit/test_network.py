@@ -128,22 +128,3 @@ def test_a_number_gone_bad_is_no_error_here_and_shows_in_d_hat():
     net = net_of()
     net.step(still(eps=1.0))
     assert np.isnan(net.step(still(eps=0.0, x_dot=np.nan)))
-
-
-def test_beside_the_observer_it_learns_what_depends_on_the_motion_alone():
-    beside, alone = net_of(beside_observer=True), net_of()
-    for _ in range(50):
-        alone.step(still(eps=0.3))
-        beside.step(still(eps=0.3))
-    assert alone.step(still(eps=0.3), adapt=False) < -1.0
-    assert beside.step(still(eps=0.3), adapt=False) == 0.0
-    for _ in range(50):
-        beside.step(still(eps=0.3, x_dot=0.2))
-    assert beside.step(still(eps=0.3, x_dot=0.2), adapt=False) < -1.0
-    assert beside.step(still(eps=0.3), adapt=False) == 0.0
-
-
-def test_beside_the_observer_it_takes_over_nothing():
-    beside = net_of(beside_observer=True)
-    beside.seed(drawn(np.random.default_rng(13)), 5.0)
-    assert beside.weight_norm == 0.0

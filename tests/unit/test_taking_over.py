@@ -7,13 +7,12 @@ from learner import Learner, drawn, hidden
 from msgspec.structs import replace
 from test_controller import at_rest, state, tick
 
-from companion.core import integrator, network, regressor
+from companion.core import integrator, network
 from companion.core.axis import BLEND_S
-from companion.core.compensator import BESIDE_OBSERVER
 from companion.core.schedule import Gains, scheduled
 from companion.records import Setpoint
 
-LEARNERS = ("network", "integrator", "regressor")
+LEARNERS = ("network", "integrator")
 PUSHED = state((0.0, 0.0, 0.02, 0.0), (0.0, 0.0, 0.01, 0.0), (0.0, 0.0, -7.0, 0.2))
 TARGET = Setpoint((0.0,) * 4)
 
@@ -77,11 +76,10 @@ def test_frozen_nothing_is_learnt():
 
 def one_of(kind):
     values = {"learning_rate": 5.0, "hidden_learning_rate": 1.0, "leak_per_s": 0.002, "dead_zone": 0.0}
-    values |= {"max_disturbance": 20.0, "hidden": hidden(10), BESIDE_OBSERVER: False}
+    values |= {"max_disturbance": 20.0, "hidden": hidden(10)}
     if kind == "network":
         return Learner(network, **network.parameters(values)._asdict())
-    module = {"regressor": regressor, "integrator": integrator}[kind]
-    return Learner(module, **{key: values[key] for key in module.Parameters._fields})
+    return Learner(integrator, **{key: values[key] for key in integrator.Parameters._fields})
 
 
 @pytest.mark.parametrize("kind", LEARNERS)
@@ -95,10 +93,9 @@ def test_seeded_it_answers_so(kind, asked, given):
     assert one.step(signals, adapt=False) == pytest.approx(given, abs=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["network", "regressor"])
-def test_a_seed_changes_the_weights_no_more_than_it_must(kind):
+def test_a_seed_changes_the_weights_no_more_than_it_must():
     rng = np.random.default_rng(1)
-    one = one_of(kind)
+    one = one_of("network")
     one.seed(drawn(rng), 6.0)
     least = np.array(one.state.W)
     direction = least / np.linalg.norm(least)
