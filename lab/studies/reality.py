@@ -7,6 +7,8 @@
 | light-waves     | 0.4 of the inertia and thrusters without lag; its depth alone, in waves              |
 | light-path      | the same vehicle on a path                                                           |
 | tank-*, tank-*-late | a real Heavy as measured in a tank, calm, in waves, on a path, in its place      |
+| osl-*           | one like another real Heavy: inertia × 3, drag × 1.6, motors 0.15 s late             |
+| delay-*         | the nominal vehicle behind 50 ms each way                                            |
 
 Errors are true - reference, of the simulator's truth, from COUNTS_S on.
 """
@@ -26,7 +28,7 @@ from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import Step
 from lab.options import add_bench
 from lab.studies.picture import dots
-from lab.studies.vehicles import Trial, axes, light, rough, tank
+from lab.studies.vehicles import Trial, axes, delayed, light, rough, slow, tank
 from lab.study import Row, Study, by, known
 
 COUNTS_S, ENDS_S = 25.0, 85.0
@@ -53,6 +55,8 @@ SCENARIOS: Mapping[str, Callable[[int], Trial]] = {
         for sea in ("calm", "waves", "path", "place")
         for late in (False, True)
     },
+    **{f"osl-{sea}": partial(slow, sea=sea) for sea in ("calm", "waves", "path", "place")},
+    **{f"delay-{sea}": partial(delayed, sea=sea) for sea in ("calm", "waves", "path", "place")},
 }
 GOALS: Mapping[tuple[str, str], Mapping[str, tuple[float, float, float]]] = {
     ("heavy", "rough"): {

@@ -122,8 +122,33 @@ def light(seed: int, *, moves: bool) -> Trial:
 
 def tank(seed: int, sea: str, *, late: bool) -> Trial:
     """Draw the water of the Heavy that was measured in a tank, "calm", "waves", "path" or "place"."""
-    base, draw = load_config(TANK), np.random.default_rng((seed, 31)).uniform
-    vehicle = replace(base, thrusters=replace(base.thrusters, start_s=LATE_S if late else 0.0))
+    base = load_config(TANK)
+    return _in_a_sea(
+        replace(base, thrusters=replace(base.thrusters, start_s=LATE_S if late else 0.0)), seed, sea
+    )
+
+
+def delayed(seed: int, sea: str) -> Trial:
+    """Draw the water of the nominal vehicle behind 50 ms of delay each way, which are measured."""
+    trial = _in_a_sea(load_config(DEFAULT_CONFIG), seed, sea)
+    return Trial(trial.plant, trial.target, LinkDelay(up_s=0.051, down_s=0.051))
+
+
+def slow(seed: int, sea: str) -> Trial:
+    """Draw the water of a vehicle like the one of `data/osl`: inertia × 3, drag × 1.6, motors 0.15 s late."""
+    base = load_config(DEFAULT_CONFIG)
+    hull, thrusters = base.hull, base.thrusters
+    drag = {
+        name: tuple(np.multiply(getattr(hull, name), 1.6 / 3.0).tolist())
+        for name in ("linear_damping", "quadratic_damping")
+    }
+    weak = replace(thrusters, gain=tuple(np.divide(thrusters.gain, 3.0).tolist()), start_s=0.15)
+    return _in_a_sea(replace(base, hull=replace(hull, **drag), thrusters=weak), seed, sea)
+
+
+def _in_a_sea(vehicle: SimConfig, seed: int, sea: str) -> Trial:
+    """Draw the water of a vehicle, "calm", "waves", "path" or "place"."""
+    draw = np.random.default_rng((seed, 31)).uniform
     waves_m, period_s = draw(0.2, 0.4), draw(3.5, 5.0)
     if sea != "place":
         waves_m *= sea == "waves"
