@@ -369,6 +369,7 @@ class Config(Section, frozen=True):
     yaw: YawSection = YawSection(
         max_rate=0.8,
         max_acceleration=0.8,
+        compensator="observer",
         learning_rate=0.9,
         max_disturbance=6.0,
         position_noise=0.002,

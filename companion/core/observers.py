@@ -78,9 +78,15 @@ class Feedback(NamedTuple):
     """What d̂ is scaled by: the d of the prediction is scaled by the same."""
     rates: Vector
     accelerations: Vector
+    saturated: Flags
 
 
-NO_FEEDBACK = Feedback((1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+NO_FEEDBACK = Feedback(
+    d_share=(1.0, 1.0, 1.0, 1.0),
+    rates=(0.0, 0.0, 0.0, 0.0),
+    accelerations=(0.0, 0.0, 0.0, 0.0),
+    saturated=(False, False, False, False),
+)
 
 
 class DofMemory(NamedTuple):
@@ -333,9 +339,9 @@ def _predicting(
     d: float,
     horizon_s: float,
 ) -> predictor.State:
-    """Predict d where our commands alone move the vehicle: only there d is what the water does."""
+    """Predict d where our commands alone move the vehicle, and are not cut off: there d is the water's."""
     free = inputs.learns[dof] and (dof > Y or (inputs.learns[X] and inputs.learns[Y]))
-    if not free:
+    if not free or feedback.saturated[dof]:
         return predictor.interrupted(state)
     rate, acceleration = feedback.rates[dof], feedback.accelerations[dof]
     return predictor.step(observers.predictors[dof], state, d, rate, acceleration, horizon_s)

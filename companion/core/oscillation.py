@@ -22,16 +22,18 @@ LEVELLING_SHARE = 0.06
 
 HIGH_PASS_S = 0.15
 MEMORY_S = 0.2
-TRANSIENT_S = 1.1
+TRANSIENT_S, AGAIN_S = 1.1, 0.4
+"""It lasts longer than any transient: the first time, and where one has just been."""
+
 VIOLENT = 12.0
 """Of the limit's mean square: more of it is no transient, and its time counts for more."""
 
 SHRINK_S = 0.3
 RECOVER_S = 10.0
 LEAST = 0.1
-CONFIRMED_S = 30.0
-"""A cycle that begins so soon after another confirms it: an approach or a load rings once, and the gains come
-back whole within RECOVER_S."""
+CONFIRMED_S = 12.0
+"""A cycle that begins so soon after another confirms it, while the gains come back or just after: an approach
+or a load rings once."""
 
 RELAPSE_SHARE = 0.7
 """Of the scale at which a confirmed limit cycle began: so far the gains come back within RECOVER_S."""
@@ -90,12 +92,13 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     share = power / (parameters.limit * parameters.limit)
     counts = share / parameters.violent if share > parameters.violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
-    cycles = lasts_s > TRANSIENT_S
+    known = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
+    longest_s = AGAIN_S if known else TRANSIENT_S
+    cycles = lasts_s > longest_s
     explained = delay_s > state.delay_s + EXPLAINED_S
-    if cycles and state.lasts_s <= TRANSIENT_S:
+    if cycles and state.lasts_s <= longest_s:
         began_s = delay_s
-        confirmed = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
-        ceiling = RELAPSE_SHARE * state.gain_scale if confirmed else 1.0
+        ceiling = RELAPSE_SHARE * state.gain_scale if known else 1.0
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:

@@ -84,7 +84,7 @@ def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Mem
     """Bring the observers on to what was measured; go on without a motor that was found dead."""
     observed, controlled, actuated, limits, watch, ticks = memory
     delay_s = inputs.telemetry_s + inputs.command_s + observed.hidden.hidden_s
-    observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled))
+    observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled, actuated))
     known = known_of(inputs, motion, observed.learner.model, delay_s, watch.dead, parameters.observers.adapts)
     if known.dead_motor != actuated.dead_motor:
         actuated, lost = actuation.gone_on_without(
@@ -155,7 +155,7 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     )
 
 
-def feedback(memory: ControlMemory) -> Feedback:
+def feedback(memory: ControlMemory, actuated: ActuationMemory) -> Feedback:
     """Return what the observers predict with."""
     x, y, z, psi = memory.axes
     return Feedback(
@@ -172,6 +172,7 @@ def feedback(memory: ControlMemory) -> Feedback:
             z.reference.x_d_ddot,
             psi.reference.x_d_ddot,
         ),
+        saturated=actuated.saturated,
     )
 
 

@@ -7,7 +7,7 @@ from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
 BASE = load_plant(DEFAULT_CONFIG)
-WEAK = Cell(1 / 3, 0.3, 0, 0, "calm")
+WEAK = Cell(1 / 3, 0.3, 0, 0, "waves")
 
 
 def depth_mm(adapts: str, cell: Cell) -> float:

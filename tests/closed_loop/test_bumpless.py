@@ -64,7 +64,7 @@ def test_what_was_learnt_is_handed_on():
 
 def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     """Amid a move, where error and rate are not zero."""
-    gains = configured("network", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
+    gains = configured("network+observer", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
 
     @shared
     def moving():

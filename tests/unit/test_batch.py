@@ -54,7 +54,7 @@ def test_every_dive_may_have_its_own_gains():
 
 @pytest.mark.parametrize(("scenario", "link"), [(0, LinkDelay()), (2, LinkDelay(up_s=0.04, down_s=0.04))])
 def test_a_batch_agrees_with_the_full_loop(scenario, link):
-    """Mean over four vehicles, 15 s each: depth RMS within 20 %, thrust and chatter within 15 %.
+    """Mean over four vehicles, 15 s each: depth RMS within 25 %, thrust and chatter within 15 %.
 
     The seas and the vehicles are the same, sensor noise and tether are other draws.
     """
@@ -68,7 +68,7 @@ def test_a_batch_agrees_with_the_full_loop(scenario, link):
         range(4),
         Links(link.up_s, link.down_s, link.jitter_s),
     )
-    for key, tolerance in (("depth_rms_mm", 0.2), ("thrust_rms_n", 0.15), ("chatter_n", 0.15)):
+    for key, tolerance in (("depth_rms_mm", 0.25), ("thrust_rms_n", 0.15), ("chatter_n", 0.15)):
         expected = np.mean([figures[key] for figures in full])
         assert batch[key].mean() == pytest.approx(expected, rel=tolerance), key
 

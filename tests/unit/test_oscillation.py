@@ -58,7 +58,7 @@ def test_a_cycle_that_begins_again_leaves_the_gains_lower():
     """At 0.7 of where it began for half a minute, whole after minutes: above that it may begin again."""
 
     def swinging(t_s):
-        return 60.0 * np.sign(np.sin(8.0 * t_s)) * (t_s % 20.0 < 5.0 and t_s < 30.0)
+        return 60.0 * np.sign(np.sin(8.0 * t_s)) * (t_s % 13.0 < 5.0 and t_s < 20.0)
 
     scale = watched(swinging, seconds=270.0)
     assert scale[round(60.0 / DT_S)] == pytest.approx(RELAPSE_SHARE, abs=0.1)
@@ -126,10 +126,10 @@ def test_a_number_gone_bad_is_no_limit_cycle_and_no_error():
 def test_a_cycle_that_a_delay_explains_leaves_no_mark_once_the_delay_is_known(measured_s, explained):
     """Unknown, 80 ms make it swing; known, the gains allow for them."""
     state = START
-    for i in range(round(18.0 / DT_S)):
+    for i in range(round(16.0 / DT_S)):
         t_s = i * DT_S
-        swinging = 60.0 * np.sign(np.sin(2.0 * np.pi * 1.2 * t_s)) * (t_s % 15.0 < 2.5)
-        state = step(state, swinging, 0.02 if t_s < 17.0 else measured_s)
+        swinging = 60.0 * np.sign(np.sin(2.0 * np.pi * 1.2 * t_s)) * (t_s % 13.0 < 2.5)
+        state = step(state, swinging, 0.02 if t_s < 15.0 else measured_s)
     assert state.gain_scale < 0.4
     assert (state.ceiling == 1.0) == explained
     assert state.ceiling >= RELAPSE_SHARE
