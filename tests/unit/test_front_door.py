@@ -133,7 +133,7 @@ def test_the_front_door_is_light(arguments: list[str]) -> None:
         ),
         (["sim", "--set", "nonsense=1"], "sim: --set nonsense=1: nonsense: unknown key; known here: hull,"),
         (
-            ["run", "--set", "yaw.learning_rate=1000", "--set", "yaw.compensator=network+observer"],
+            ["run", "--set", "yaw.learning_rate=1000", "--set", "yaw.compensator=network"],
             "yaw.learning_rate = 1000: mass kappa / learning rate is 0.001 s",
         ),
         *(
