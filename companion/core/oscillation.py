@@ -25,6 +25,9 @@ MEMORY_S = 0.2
 TRANSIENT_S, AGAIN_S = 1.1, 0.4
 """It lasts longer than any transient: the first time, and where one has just been."""
 
+SWINGS = 2
+"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom."""
+
 VIOLENT = 12.0
 """Of the limit's mean square: more of it is no transient, and its time counts for more."""
 
@@ -76,9 +79,13 @@ class State(NamedTuple):
     """What the loop's delay was believed to be when the last cycle began; infinite without one."""
     ended_s: float
     """How long ago the last cycle ended."""
+    fast: float
+    """The rest, of the last tick."""
+    swings: int
+    """How often it changed its sign while it exceeded the limit."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf, 0.0, 0)
 """Full gains, and nothing seen yet."""
 
 
@@ -92,11 +99,15 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     share = power / (parameters.limit * parameters.limit)
     counts = share / parameters.violent if share > parameters.violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
+    turned = (fast < 0.0) != (state.fast < 0.0)
+    swings = state.swings + turned if share > 1.0 else 0
     known = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
     longest_s = AGAIN_S if known else TRANSIENT_S
-    cycles = lasts_s > longest_s
+    goes_on = state.ended_s == 0.0
+    swung = goes_on or swings >= SWINGS or share > parameters.violent
+    cycles = lasts_s > longest_s and swung
     explained = delay_s > state.delay_s + EXPLAINED_S
-    if cycles and state.lasts_s <= longest_s:
+    if cycles and not goes_on:
         began_s = delay_s
         ceiling = RELAPSE_SHARE * state.gain_scale if known else 1.0
     elif explained:
@@ -106,7 +117,8 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
     ceiling = clamped(ceiling, parameters.least, 1.0)
     ended_s = 0.0 if cycles else state.ended_s + dt_s
-    return State(clamped(scale, parameters.least, ceiling), ceiling, slow, power, lasts_s, began_s, ended_s)
+    scale = clamped(scale, parameters.least, ceiling)
+    return State(scale, ceiling, slow, power, lasts_s, began_s, ended_s, fast, swings)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

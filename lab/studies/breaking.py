@@ -157,7 +157,7 @@ class Diving:
         elif state is State.HAND_OVER:
             self.fault("leak")
         elif state is State.PILOT:
-            self.fault("mode", 1.0)
+            self.fault("mode", 2.0)
         elif state is State.FAULT:
             self.fault("link_cut", seconds=1.5)
         self.until(state)

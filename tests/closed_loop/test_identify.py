@@ -188,7 +188,6 @@ def test_it_ends_or_does_not_begin_where_it_may_not(plant, arm, lasts_s, why, mo
     assert not why or dive.motors_rest()
 
 
-@pytest.mark.xfail(reason="since d is predicted one number is 20 % off (issue 38)")
 def test_with_a_position_surge_sway_roll_and_pitch_are_identified_too():
     """The vehicle of the tank, whose motors start late: without their start every axis was wrong."""
     levers = "thrusters.horizontal_m=[0.156,0.111,0.04]"

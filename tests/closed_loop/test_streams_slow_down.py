@@ -1,14 +1,12 @@
 """Streams of a real dive: what is refused is not asked for again, what a ground station takes comes back."""
 
 import numpy as np
-import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import HEADING_RAD, Dive, Somebody, active
 
 from companion.records import State
 
 
-@pytest.mark.xfail(reason="heading 0.8 instead of 0.6 degrees since yaw has the observer alone (issue 38)")
 def test_a_ground_station_that_keeps_turning_streams_down_does_not_turn_the_vehicle():
     """MAVProxy sets all streams of its port to 4 Hz every 15 s; seen live, the heading swung with each."""
     dive = active("waves.enabled=true", seconds=10.0)

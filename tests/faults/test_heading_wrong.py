@@ -38,6 +38,7 @@ def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_
     assert tries[1] - tries[0] > 1.5 * tries[0]
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 8.0
     dive.fault("clear")
+    dive.run(SETTLES_S)
     dive.ask(Request.ENGAGE)
     steps = dive.run(15.0)
     assert not any(reported(steps)[1:])

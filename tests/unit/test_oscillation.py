@@ -65,6 +65,16 @@ def test_a_cycle_that_begins_again_leaves_the_gains_lower():
     assert scale[-1] == 1.0
 
 
+def test_an_approach_after_a_cycle_does_not_confirm_it():
+    """120 N less within 0.8 s, once: a vehicle that is braked at the end of its way."""
+
+    def approaching(t_s):
+        swinging = 60.0 * np.sign(np.sin(8.0 * t_s)) * (t_s < 3.0)
+        return swinging + np.interp(t_s, [3.0, 6.0, 6.8, 8.0, 9.6], [0.0, 60.0, -60.0, -60.0, 0.0])
+
+    assert watched(approaching, seconds=14.0)[-1] > 0.95
+
+
 def test_a_violent_cycle_draws_the_gains_back_within_a_second():
     """The thrusters go from stop to stop: no transient does."""
     scale = watched(lambda t_s: 100.0 * np.sign(np.sin(2.0 * np.pi * 1.5 * t_s)))
