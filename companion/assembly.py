@@ -119,15 +119,16 @@ def observers(config: Config) -> Observers:
 def predictor_of(config: Config, dof: int) -> predictor.Parameters:
     """Return the network that predicts the disturbance of a degree of freedom."""
     axis, V = config.axes[dof], predicting_layer(config.network.seed, config.network.units)
-    return predictor.Parameters(
+    parameters = predictor.Parameters(
         V=V,
-        rest=tuple(map(predictor.logistic, predictor.weighed(V, predictor.AT_REST))),
+        rest=(0.0,) * len(V),
         disturbance_noise=axis.disturbance_noise,
         max_disturbance=axis.max_disturbance,
         tick_s=1.0 / config.loop.rate_hz,
         turn=dof,
         predicts=predicts(axis),
     )
+    return parameters._replace(rest=tuple(predictor.hidden(parameters, predictor.AT_REST)))
 
 
 def parameters(config: Config) -> Parameters:

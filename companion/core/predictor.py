@@ -160,16 +160,7 @@ def step(
         rise = limited(scale * limited(dot(state.W, 0, phi), MOST), parameters.max_disturbance)
         past[now] = Moment(d, rate, acceleration, rise)
     predicted = Predicted(share(state) * rise, weight_norm(state), learns)
-    return State(
-        past,
-        state.W,
-        state.P,
-        state.square,
-        state.error,
-        state.constant,
-        state.ticks + 1,
-        predicted,
-    )
+    return state._replace(past=past, ticks=state.ticks + 1, predicted=predicted)
 
 
 def judged(parameters: Parameters, state: State, rose: float, error: float) -> State:
@@ -226,17 +217,8 @@ def inputs(past: list[Moment], at: int, spacing: int, ticks: int, per_n: float) 
 
 def hidden(parameters: Parameters, theta: Inputs) -> list[float]:
     """Return φ(θ)."""
-    rest = parameters.rest
-    sigma = [
-        1.0 / (1.0 + math.exp(-x if not x < -SATURATED else SATURATED)) for x in weighed(parameters.V, theta)
-    ]
-    return [sigma[i] - rest[i] for i in range(len(sigma))]
-
-
-def weighed(V: tuple[Inputs, ...], theta: Inputs) -> list[float]:
-    """Return Vᵀ θ."""
     a, b, c, d, e, f, g, h, i, j = theta
-    return [
+    x = [
         v[0] * a
         + v[1] * b
         + v[2] * c
@@ -247,13 +229,12 @@ def weighed(V: tuple[Inputs, ...], theta: Inputs) -> list[float]:
         + v[7] * h
         + v[8] * i
         + v[9] * j
-        for v in V
+        for v in parameters.V
     ]
-
-
-def logistic(x: float) -> float:
-    """Return σ(x); `exp` of more than SATURATED would only make it smaller."""
-    return 1.0 / (1.0 + math.exp(-x if not x < -SATURATED else SATURATED))
+    rest = parameters.rest
+    return [
+        1.0 / (1.0 + math.exp(-x[k] if not x[k] < -SATURATED else SATURATED)) - rest[k] for k in range(len(x))
+    ]
 
 
 def weight_norm(state: State) -> float:
