@@ -29,7 +29,8 @@ SWINGS = 2
 """So often the fast demand has changed its sign by then: an approach or a wave changes it seldom."""
 
 VIOLENT = 12.0
-"""Of the limit's mean square: more of it is no transient, and its time counts for more."""
+"""Of the limit's mean square: more of it is no transient. Its time counts for more, and it
+needs no second cycle."""
 
 SHRINK_S = 0.3
 RECOVER_S = 10.0
@@ -109,7 +110,7 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     explained = delay_s > state.delay_s + EXPLAINED_S
     if cycles and not goes_on:
         began_s = delay_s
-        ceiling = RELAPSE_SHARE * state.gain_scale if known else 1.0
+        ceiling = RELAPSE_SHARE * state.gain_scale if known or share > parameters.violent else 1.0
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:
