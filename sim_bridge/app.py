@@ -55,7 +55,7 @@ class Settings:
     """Whether everybody on Zenoh may break the vehicle."""
 
 
-class Links:
+class Peers:
     """Every peer's number, how to reach it, and what came in since the last step."""
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -106,7 +106,7 @@ class _Udp(asyncio.DatagramProtocol):
 class _UdpCaller(_Udp):
     """Calls one peer, as a BlueROV2 calls its topside computer, and hears whoever answers on that socket."""
 
-    def __init__(self, links: Links, endpoint: Endpoint) -> None:
+    def __init__(self, links: Peers, endpoint: Endpoint) -> None:
         self._links, self._name = links, "udp, calling {}:{}".format(*endpoint)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -120,7 +120,7 @@ class _UdpCaller(_Udp):
 class _TcpClient(asyncio.Protocol):
     """One client of the TCP server."""
 
-    def __init__(self, links: Links) -> None:
+    def __init__(self, links: Peers) -> None:
         self._links = links
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -143,7 +143,7 @@ class _TcpClient(asyncio.Protocol):
 
 async def _pace(
     vehicle: Vehicle,
-    links: Links,
+    links: Peers,
     asked: deque[Fault],
     publish: Callable[[Truth], None] | None,
     stop: asyncio.Event,
@@ -193,7 +193,7 @@ def _binding(kind: str, port: int) -> Iterator[None]:
 async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> None:
     """Open every endpoint, then run the vehicle until `stop` is set; OSError for an address that is taken."""
     loop = asyncio.get_running_loop()
-    links = Links(vehicle)
+    links = Peers(vehicle)
     async with contextlib.AsyncExitStack() as stack:
         for host, port in settings.tcp:
             with _binding("tcp", port):

@@ -82,7 +82,7 @@ class ThrusterConfig(_Record, frozen=True):
             raise ValueError(f"gain needs 1 or {count} values for frame {self.frame}")
 
 
-class Battery(_Record, frozen=True):
+class BatteryConfig(_Record, frozen=True):
     """An ideal source behind a resistance."""
 
     voltage_v: Annotated[float, Meta(ge=8, le=26)] = 16.0
@@ -97,7 +97,7 @@ class Initial(_Record, frozen=True):
     """x, y, z (m, NED), phi, theta, psi (rad)"""
 
 
-class Current(_Record, frozen=True):
+class CurrentConfig(_Record, frozen=True):
     """A horizontal current: constant, plus a slow Ornstein-Uhlenbeck variation of each component."""
 
     enabled: bool = False
@@ -311,9 +311,9 @@ class SimConfig(_Record, frozen=True):
 
     hull: Hull = Hull()
     thrusters: ThrusterConfig = ThrusterConfig()
-    battery: Battery = Battery()
+    battery: BatteryConfig = BatteryConfig()
     initial: Initial = Initial()
-    current: Current = Current()
+    current: CurrentConfig = CurrentConfig()
     waves: Waves = Waves()
     seabed: Seabed = Seabed()
     steel: Steel = Steel()

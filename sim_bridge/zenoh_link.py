@@ -1,6 +1,6 @@
 """The vehicle on Zenoh: it publishes `sim/{vehicle}/truth`, and may take faults at `sim/{vehicle}/fault`.
 
-Both are JSON: FIELDS of a `Truth`, which no companion may read; a `Fault` in a query, answered by a `Reply`.
+Both are JSON: FIELDS of a `Truth`, which no companion may read; a `Fault` in a query, with its `FaultReply`.
 """
 
 import threading
@@ -32,7 +32,7 @@ def encode(truth: Truth) -> bytes:
     return msgspec.json.encode(fields, enc_hook=lambda array: array.tolist())
 
 
-class Reply(msgspec.Struct, frozen=True):
+class FaultReply(msgspec.Struct, frozen=True):
     """The answer to a fault."""
 
     done: bool
@@ -40,33 +40,33 @@ class Reply(msgspec.Struct, frozen=True):
     said: str
 
 
-def answer(payload: bytes, take: Callable[[Fault], None]) -> Reply:
+def answer(payload: bytes, take: Callable[[Fault], None]) -> FaultReply:
     """Take a fault out of a query's payload, whatever the bytes."""
     try:
         fault = checked(msgspec.json.decode(payload, type=Fault))
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        return Reply(done=False, said=f"no fault: {error}")
+        return FaultReply(done=False, said=f"no fault: {error}")
     take(fault)
-    return Reply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")
+    return FaultReply(done=True, said=f"{fault.kind} begins in {fault.at_s:g} s")
 
 
-def inject(endpoint: str, vehicle: str, fault: Fault) -> Reply:
+def inject(endpoint: str, vehicle: str, fault: Fault) -> FaultReply:
     """Ask a running simulator for a fault that begins `at_s` from now. Blocks for some seconds at most."""
     try:
         session = zenoh.open(client(endpoint))
     except zenoh.ZError:
         said = f"nobody listens at {endpoint}: the simulator itself does not; "
-        return Reply(done=False, said=said + "start `holdfast run`, or a router")
+        return FaultReply(done=False, said=said + "start `holdfast run`, or a router")
     try:
         with session:
             payload = msgspec.json.encode(fault)
             for reply in session.get(f"sim/{vehicle}/fault", payload=payload, timeout=ANSWER_S):
                 if reply.ok is not None:
-                    return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Reply)
+                    return msgspec.json.decode(reply.ok.payload.to_bytes(), type=FaultReply)
     except (zenoh.ZError, msgspec.MsgspecError, RecursionError) as error:
-        return Reply(done=False, said=f"{endpoint}: {error}")
+        return FaultReply(done=False, said=f"{endpoint}: {error}")
     said = f"no simulator takes faults for '{vehicle}' at {endpoint}; start it with --live-faults"
-    return Reply(done=False, said=said)
+    return FaultReply(done=False, said=said)
 
 
 def client(endpoint: str) -> zenoh.Config:

@@ -31,13 +31,13 @@ QUESTIONS_S = 1.0
 """The quickest TIMESYNC question of this time tells how long a message travels to the autopilot now."""
 
 
-class Bounds(NamedTuple):
+class OffsetBounds(NamedTuple):
     """Between what the offset lies, seconds."""
 
     lower_s: float = -math.inf
     upper_s: float = math.inf
 
-    def admits(self, other: "Bounds") -> bool:
+    def admits(self, other: "OffsetBounds") -> bool:
         """Tell whether one clock can have made both."""
         least_s = max(self.lower_s, other.lower_s)
         return least_s <= min(self.upper_s, other.upper_s) + CLOCK_JUMP_S
@@ -49,14 +49,14 @@ class AutopilotClock:
     def __init__(self, telemetry_s: float) -> None:
         """Take the telemetry delay that is believed until the first answer to TIMESYNC."""
         self._telemetry_s = telemetry_s
-        self._answers: deque[Bounds] = deque(maxlen=ANSWERS)
-        self._bounds = Bounds()
+        self._answers: deque[OffsetBounds] = deque(maxlen=ANSWERS)
+        self._bounds = OffsetBounds()
         self.offset_s = math.nan
         self._stamped_s = -math.inf
         """The lower bound from messages since the newest answer."""
-        self._odd: Bounds | None = None
+        self._odd: OffsetBounds | None = None
         """The newest answer, if it contradicted those before."""
-        self._former = (Bounds(math.inf, -math.inf), 0.0)
+        self._former = (OffsetBounds(math.inf, -math.inf), 0.0)
         """The clock before it was set again, and how long it had been in doubt."""
         self._doubted_s = (math.inf, -math.inf)
         """Since when contradictions have come, and when the newest came."""
@@ -72,7 +72,7 @@ class AutopilotClock:
         """
         if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
             return False
-        answer = Bounds(boot_s - arrived_s, boot_s - sent_s)
+        answer = OffsetBounds(boot_s - arrived_s, boot_s - sent_s)
         odd, self._odd = self._odd, None
         agrees = self._bounds.admits(answer)
         if not agrees:
@@ -87,7 +87,7 @@ class AutopilotClock:
             self._answers.append(odd)
             self._questions.clear()
             self._stamped_s = -math.inf
-        self._answers.append(Bounds(max(answer.lower_s, self._stamped_s), answer.upper_s))
+        self._answers.append(OffsetBounds(max(answer.lower_s, self._stamped_s), answer.upper_s))
         self._answered_s, self._stamped_s = arrived_s, -math.inf
         lower, upper = zip(*self._answers, strict=True)
         self._bound(max(lower), min(upper))
@@ -129,7 +129,7 @@ class AutopilotClock:
         return max(now_s - first_s, math.ulp(0.0)) if now_s - newest_s <= SETTLED_S else 0.0
 
     def _bound(self, lower_s: float, upper_s: float) -> None:
-        self._bounds = Bounds(lower_s, upper_s)
+        self._bounds = OffsetBounds(lower_s, upper_s)
         if self._answers:
             self.offset_s = max(lower_s, 0.5 * (lower_s + upper_s))
         else:

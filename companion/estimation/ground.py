@@ -60,7 +60,7 @@ MOST_SENSORS = 10
 """As many rangefinders as ArduPilot has."""
 
 
-class Track(NamedTuple):
+class GroundTrack(NamedTuple):
     """The filter's ground, and the rate at which it falls."""
 
     depth_m: float
@@ -71,7 +71,7 @@ class Answer:
     """Tells f from samples of the ground's depth and the vehicle's, of the same times."""
 
     def __init__(self) -> None:
-        self._ground = self._depth = Track(math.nan, 0.0)
+        self._ground = self._depth = GroundTrack(math.nan, 0.0)
         self._before_m = 0.0
         self._sums = (0.0,) * 5
         self._scatter, self._count = 0.0, 0.0
@@ -79,7 +79,7 @@ class Answer:
     def take(self, ground_m: float, depth_m: float, gap_s: float) -> float:
         """Return f after one more pair, `gap_s` after the one before; NaN while the motion was too small."""
         if math.isnan(self._ground.depth_m):
-            self._ground, self._depth = Track(ground_m, 0.0), Track(depth_m, 0.0)
+            self._ground, self._depth = GroundTrack(ground_m, 0.0), GroundTrack(depth_m, 0.0)
         g = ground_m - (self._ground.depth_m + self._ground.rate_mps * gap_s)
         e = depth_m - (self._depth.depth_m + self._depth.rate_mps * gap_s)
         self._ground = _followed(self._ground, ground_m, gap_s, ANSWER_OMEGA_RADPS)
@@ -109,7 +109,7 @@ class Sensor:
     """Finds the ground by the ranges of one sensor."""
 
     def __init__(self) -> None:
-        self._track = Track(math.nan, 0.0)
+        self._track = GroundTrack(math.nan, 0.0)
         self._at_s = self._came_s = -math.inf
         self._other_m, self._other_since_s, self._agreeing = math.nan, -math.inf, 0
         self._answer, self._moves_along = Answer(), math.nan
@@ -135,7 +135,7 @@ class Sensor:
         error_m = sample_m - (self._track.depth_m + self._track.rate_mps * (at_s - self._at_s))
         if gap_s <= LOST_S and abs(error_m) <= JUMP_M:
             followed, rate_mps = _followed(self._track, sample_m, at_s - self._at_s, OMEGA_RADPS)
-            self._track = Track(followed, max(-MAX_SLOPE_MPS, min(rate_mps, MAX_SLOPE_MPS)))
+            self._track = GroundTrack(followed, max(-MAX_SLOPE_MPS, min(rate_mps, MAX_SLOPE_MPS)))
             self._moves_along = self._answer.take(sample_m, depth_m, at_s - self._at_s)
             self._came_s, self._at_s, self._agreeing = one.t_s, at_s, 0
         else:
@@ -153,7 +153,7 @@ class Sensor:
         rises = not sample_m > self._track.depth_m
         long_s = RISE_BELIEVED_S if rises else FALL_BELIEVED_S
         if t_s - self._other_since_s >= long_s and self._agreeing >= AGREEING:
-            self._track, self._came_s, self._at_s = Track(sample_m, 0.0), t_s, at_s
+            self._track, self._came_s, self._at_s = GroundTrack(sample_m, 0.0), t_s, at_s
             self._agreeing = 0
             self._answer = Answer()
 
@@ -209,8 +209,8 @@ class Grounds:
         return z + part * (z_after - z), tilt + part * (tilt_after - tilt)
 
 
-def _followed(track: Track, sample_m: float, gap_s: float, omega_radps: float) -> Track:
+def _followed(track: GroundTrack, sample_m: float, gap_s: float, omega_radps: float) -> GroundTrack:
     error_m = sample_m - (track.depth_m + track.rate_mps * gap_s)
     theta = math.exp(-omega_radps * gap_s)
     rate_mps = track.rate_mps + (1.0 - theta) ** 2 * error_m / gap_s
-    return Track(sample_m - theta**2 * error_m, rate_mps)
+    return GroundTrack(sample_m - theta**2 * error_m, rate_mps)

@@ -64,7 +64,7 @@ def with_noise(config: Config, depth: float, heading: float) -> Config:
     )
 
 
-class Vehicle(NamedTuple):
+class DesignVehicle(NamedTuple):
     """A nominal degree of freedom and its sensors: inertia, drag, thruster lag (s), noise, tick (s)."""
 
     m: float
@@ -88,7 +88,7 @@ class Vehicle(NamedTuple):
         )
 
 
-def vehicle(config: Config, model: Model, dof: int, disturbance: float) -> Vehicle:
+def vehicle(config: Config, model: Model, dof: int, disturbance: float) -> DesignVehicle:
     """Return a degree of freedom that expects so much `disturbance` noise."""
     axis = config.axes[dof]
     noise = Noise(
@@ -100,7 +100,7 @@ def vehicle(config: Config, model: Model, dof: int, disturbance: float) -> Vehic
         slow_time_s=config.delays.slow_noise_s,
     )
     drag = model.d1[dof] + TYPICAL_RATE * model.d2[dof]
-    return Vehicle(model.m[dof], drag, config.thrusters.lag_s, noise, 1.0 / config.loop.rate_hz)
+    return DesignVehicle(model.m[dof], drag, config.thrusters.lag_s, noise, 1.0 / config.loop.rate_hz)
 
 
 def hidden_delay_parameters(config: Config, model: Model) -> ObserverParameters:
@@ -128,14 +128,14 @@ def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[None]:
         yield 16
 
 
-def _vehicles(config: Config, model: Model, dof: int) -> tuple[Vehicle, Vehicle]:
+def _vehicles(config: Config, model: Model, dof: int) -> tuple[DesignVehicle, DesignVehicle]:
     """Return a degree of freedom as control takes it, and as the search for its gain and lag does."""
     noise = config.axes[dof].disturbance_noise
     return vehicle(config, model, dof, noise), vehicle(config, model, dof, DISTURBANCE_RATIO * noise)
 
 
 @functools.lru_cache(maxsize=128)
-def _table(known: Vehicle, interval: int) -> ObserverTable:
+def _table(known: DesignVehicle, interval: int) -> ObserverTable:
     log_gains, lags_s = known.nodes()
     found = (known.like(log_gain, lag_s, interval) for log_gain, lag_s in product(log_gains, lags_s))
     rows = tuple((*one.by_position, *one.by_rate) for one in found)

@@ -11,7 +11,7 @@ from companion.estimation.frame import Offset
 from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
-from companion.guidance.paths.time_law import Limits, TimeLaw, profiled
+from companion.guidance.paths.time_law import PathLimits, TimeLaw, profiled
 from companion.guidance.target import UNSET, from_here, known
 from companion.records import ZERO, Setpoint, Vector, chosen, vector
 from companion.steps import finish
@@ -49,7 +49,7 @@ class Course:
     """
 
     def __init__(
-        self, limits: Limits, speed_mps: float, acceleration_mps2: float, *, path: Path | None = None
+        self, limits: PathLimits, speed_mps: float, acceleration_mps2: float, *, path: Path | None = None
     ) -> None:
         self._limits, self._speed, self._acceleration = limits, speed_mps, acceleration_mps2
         self.path = path
@@ -81,14 +81,14 @@ class Course:
         self._fastest = speed_mps if path is None else max(leg.profile.max_speed for leg in path.legs)
 
     @classmethod
-    def to(cls, order: Goto, limits: Limits) -> Self:
+    def to(cls, order: Goto, limits: PathLimits) -> Self:
         """Return a move to a place. Raises ValueError where it names none."""
         course = cls(limits, order.speed_mps, order.acceleration_mps2)
         course.place, course.place_from, course.words = place(order), order.frame, in_words(order)
         return course
 
     @classmethod
-    def none(cls, limits: Limits) -> Self:
+    def none(cls, limits: PathLimits) -> Self:
         """Return what stands where no course is under way: one that is over."""
         course = cls(limits, 1.0, 1.0)
         course.done = True

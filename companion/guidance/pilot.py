@@ -64,7 +64,7 @@ class PilotDemand(NamedTuple):
 NO_DEMAND = PilotDemand()
 
 
-class Pilot:
+class PilotControl:
     """Turns the pilot's frames into demands, one tick after the other."""
 
     def __init__(self, config: Config) -> None:

@@ -26,7 +26,7 @@ from companion.guidance.fence import Bounds
 from companion.guidance.held import HeldDofs
 from companion.guidance.orders import place_words
 from companion.guidance.paths.shapes import Path
-from companion.guidance.pilot import Pilot
+from companion.guidance.pilot import PilotControl
 from companion.guidance.target import Target, known, placed
 from companion.records import ZERO, Event, GlobalOrigin, Guided, Reboot, Setpoint, Vector, X, Z
 
@@ -38,7 +38,7 @@ class Sources:
         self.bounds = Bounds(config)
         self.target = Target(self.bounds.checked(setpoint))
         self.held = HeldDofs()
-        self.pilot = Pilot(config)
+        self.pilot = PilotControl(config)
         self.angles = HeldAngles(config)
         self.altitude: AltitudeHold | None = None
         self.course = Course.none(self.bounds.limits)

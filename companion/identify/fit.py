@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.identify import model, tilt
-from companion.identify.least_squares import Found, jackknife
+from companion.identify.least_squares import Solution, jackknife
 from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES, PSI, Array, X, Y
@@ -154,7 +154,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     )
 
 
-def _covariance(found: Found, tracks: Sequence[Track], numbers: Sequence[int]) -> Array:
+def _covariance(found: Solution, tracks: Sequence[Track], numbers: Sequence[int]) -> Array:
     """Return the covariance of all parameters; `numbers` are the fitted ones, in the order of `found`."""
     covariances = list[Array]()
     for block_s in BLOCKS_S:

@@ -17,7 +17,7 @@ ROUNDS, TOLERANCE = 40, 1e-5
 DAMPINGS: Final = (1e-3, 1e-1, 1e1, 1e3)
 
 
-class Found(NamedTuple):
+class Solution(NamedTuple):
     """The parameters (parts, n), and by part the residuals and their slopes (residuals, free parameters)."""
 
     theta: Array
@@ -67,7 +67,7 @@ def least_squares(
     steps: Array,
     bounds_at: Callable[[Array], Bounds],
     pull: Array | None = None,
-) -> Found:
+) -> Solution:
     """Search from `theta` on, where all parts begin; what is not `free` (shared, and each part's own) stays.
 
     `steps` are small changes for the slope, `bounds_at` gives the least and the largest parameters of a round
@@ -95,10 +95,10 @@ def least_squares(
         theta, r = tried, after
         if now > (1.0 - TOLERANCE) * before:
             break
-    return Found(theta, r, problem.slopes(theta, r, bounds_at(theta)[1]))
+    return Solution(theta, r, problem.slopes(theta, r, bounds_at(theta)[1]))
 
 
-def jackknife(found: Found, blocks: Sequence[Array]) -> Array:
+def jackknife(found: Solution, blocks: Sequence[Array]) -> Array:
     """Return the covariance of the free parameters; errors within a block may be correlated as they like.
 
     It is the scatter of what is found when each block is left out, to first order (Quenouille, Biometrika,

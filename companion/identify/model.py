@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.core.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
-from companion.identify.least_squares import Bounds, Found, Residuals, least_squares
+from companion.identify.least_squares import Bounds, Residuals, Solution, least_squares
 from companion.identify.samples import STEP_S, Table
 from companion.records import AXES, Array
 
@@ -208,7 +208,7 @@ def searched(
     starts: Iterable[Array],
     free: tuple[Sequence[int], Sequence[int]],
     bounds: Bounds,
-) -> Found:
+) -> Solution:
     """Search from the best of `starts` on; no inertia changes much in a round."""
     least, most = bounds
 

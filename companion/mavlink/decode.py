@@ -296,7 +296,7 @@ class Decoder:
     def _autopilot_version(self, m: Message, t_s: float) -> Iterator[Event]:
         major, minor, patch, release = m.flight_sw_version.to_bytes(4, "big")
         kind = f" ({RELEASES[release]})" if release in RELEASES else ""
-        yield records.Firmware(t_s, f"{major}.{minor}.{patch}{kind}", (major, minor, patch))
+        yield records.FirmwareVersion(t_s, f"{major}.{minor}.{patch}{kind}", (major, minor, patch))
 
     def _gps_global_origin(self, m: Message, t_s: float) -> Iterator[Event]:
         latitude_deg, longitude_deg = m.latitude / 1e7, m.longitude / 1e7

@@ -11,7 +11,7 @@ from companion.mavlink.ardusub import DIRECTIONS, QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import StreamRates
-from companion.records import Event, Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import Event, FirmwareVersion, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
 HEARTBEAT_S: Final = 1.0  # MAVLink's rate of heartbeats
@@ -156,7 +156,7 @@ class LinkMaintenance:
         self._parameters.clear()
         self._missing = dict.fromkeys(PARAMETERS, (-math.inf, PARAMETER_AGAIN_S[0]))
         self.streams.restart()
-        self.firmware: Firmware | None = None
+        self.firmware: FirmwareVersion | None = None
         """The autopilot's version, once it has reported it."""
         self.origin: GlobalOrigin | None = None
         """Where on earth the EKF's origin is, once it has reported one."""
@@ -179,7 +179,7 @@ class LinkMaintenance:
                 self._missing.pop(name, None)
             if known in VOLATILE:
                 self._missing[known] = (event.t_s + VOLATILE_S, PARAMETER_AGAIN_S[0])
-        elif isinstance(event, Firmware):
+        elif isinstance(event, FirmwareVersion):
             self.firmware = event
         elif isinstance(event, GlobalOrigin):
             self.origin = event

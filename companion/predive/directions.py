@@ -30,7 +30,7 @@ MAX_SHARE: Final = 5.0
 """ArduSub's own vehicle answers 2.6 times as strongly; more is noise."""
 
 
-class Sample(NamedTuple):
+class RateSample(NamedTuple):
     """Body rates (rad/s) and depth rate (m/s, down) that came at `t_s`."""
 
     t_s: float
@@ -47,7 +47,7 @@ def command(axis: str, since_s: float) -> AxisCommand:
 
 def shares(
     frame: str,
-    samples: Mapping[str, Sequence[Sample]],
+    samples: Mapping[str, Sequence[RateSample]],
     starts_s: Mapping[str, float],
     *,
     inertia: Mapping[str, float],
@@ -88,7 +88,7 @@ _RATES = {"w": 2, "r": 3, "p": 4, "q": 5}
 
 
 def _answer(
-    samples: Sequence[Sample], name: str, start_s: float | None, axis: str, lag_s: float, delay_s: float
+    samples: Sequence[RateSample], name: str, start_s: float | None, axis: str, lag_s: float, delay_s: float
 ) -> float | None:
     """Return the moment (N·m) or force (N) behind one rate, per unit of inertia and newton of one motor."""
     if start_s is None:

@@ -16,7 +16,7 @@ from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.predive import directions
 from companion.predive.check import CheckRow, rows
-from companion.predive.directions import Sample
+from companion.predive.directions import RateSample
 from companion.predive.survey import Directions, Observed, Survey
 from companion.records import (
     NEUTRAL,
@@ -165,7 +165,7 @@ class Inspection:
         self._directions, self._pushing = Directions(refused="the test was interrupted"), True
         self._arms = not self._seen.armed
         yield from self._steer_neutral(ARM_S, until_armed=True)
-        samples: dict[str, list[Sample]] = {}
+        samples: dict[str, list[RateSample]] = {}
         starts_s: dict[str, float] = {}
         for axis in directions.DEMANDS:
             starts_s[axis], samples[axis] = self._now_s, []
@@ -225,10 +225,10 @@ class Inspection:
         return ""
 
 
-def _rates(events: Sequence[Event]) -> Iterator[Sample]:
+def _rates(events: Sequence[Event]) -> Iterator[RateSample]:
     for event in events:
         if isinstance(event, Attitude):
             for name in ("p", "q", "r"):
-                yield Sample(event.t_s, name, getattr(event, name))
+                yield RateSample(event.t_s, name, getattr(event, name))
         elif isinstance(event, DepthRate):
-            yield Sample(event.t_s, "w", event.w_mps)
+            yield RateSample(event.t_s, "w", event.w_mps)

@@ -14,7 +14,7 @@ from companion.records import (
     EkfOrigin,
     EkfStatus,
     Event,
-    Firmware,
+    FirmwareVersion,
     Heartbeat,
     PilotGain,
     PilotToggle,
@@ -58,7 +58,7 @@ class Observed:
     heartbeat: Heartbeat | None = None
     contact: tuple[str, str] = ("", "")
     """What arrives where no heartbeat does, and what to do."""
-    firmware: Firmware | None = None
+    firmware: FirmwareVersion | None = None
     pilot_gain: float | None = None
     toggles: Mapping[str, bool] = field(default_factory=dict)
     receiver_channels: int | None = None
@@ -85,7 +85,7 @@ KEPT: Mapping[type, tuple[str, Callable[[Any], Any]]] = {
     Battery: ("voltage_v", attrgetter("voltage_v")),
     EkfOrigin: ("origin_known", attrgetter("known")),
     EkfStatus: ("ekf", lambda event: event),
-    Firmware: ("firmware", lambda event: event),
+    FirmwareVersion: ("firmware", lambda event: event),
     PilotGain: ("pilot_gain", attrgetter("gain")),
     ReceiverChannels: ("receiver_channels", attrgetter("count")),
 }

@@ -35,7 +35,7 @@ from companion.records.events import (
     EkfOrigin,
     EkfStatus,
     Event,
-    Firmware,
+    FirmwareVersion,
     GlobalOrigin,
     Heartbeat,
     Leak,

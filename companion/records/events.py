@@ -113,7 +113,7 @@ class ReceiverChannels(Event, frozen=True, gc=False):
     count: int
 
 
-class Firmware(Event, frozen=True, gc=False):
+class FirmwareVersion(Event, frozen=True, gc=False):
     """The autopilot's version, such as "4.7.0 (dev)", and its (major, minor, patch)."""
 
     text: str

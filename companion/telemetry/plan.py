@@ -23,14 +23,14 @@ East = Annotated[ranges.Metres, means("east of the origin")]
 Bearing = Annotated[ranges.HeadingDeg, means("clockwise from north")]
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """What every table of a plan has: no key beyond its own."""
 
     def __post_init__(self) -> None:
         validation.check_beside_zero(self)
 
 
-class Waypoint(Table, frozen=True, kw_only=True):
+class Waypoint(PlanTable, frozen=True, kw_only=True):
     """A point of a polyline. With `wait_s` the vehicle stops there; without, the corner is rounded."""
 
     x_m: North
@@ -44,7 +44,7 @@ class Waypoint(Table, frozen=True, kw_only=True):
     wait_s: Annotated[ranges.Hour, means("rest here")] = 0.0
 
 
-class Centred(Table, frozen=True, kw_only=True):
+class Centred(PlanTable, frozen=True, kw_only=True):
     """What has a centre and a depth."""
 
     x_m: Annotated[ranges.Metres, means("north, of the centre")] = 0.0
@@ -77,7 +77,7 @@ class LawnMower(Centred, frozen=True, kw_only=True):
     direction_deg: Bearing = 0.0
 
 
-class PathPlan(Table, frozen=True, kw_only=True):
+class PathPlan(PlanTable, frozen=True, kw_only=True):
     """A path: waypoints, a circle, a lemniscate or a lawn-mower pattern, exactly one of them."""
 
     name: Annotated[str, msgspec.Meta(max_length=64)] = ""

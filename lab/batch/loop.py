@@ -19,11 +19,11 @@ from lab.batch.stand_in import (
     ENGAGED_S,
     STEPS,
     TICK_S,
+    BatchVehicle,
     Drawn,
     Readings,
     Rows,
     Timing,
-    Vehicle,
     go_on_slow,
     motors,
     read,
@@ -40,7 +40,7 @@ LOST_M = 5.0
 
 
 def dive(
-    vehicle: Vehicle, drawn: Drawn, companion: Companion, at: Timing, targets: Rows, found: Rows
+    vehicle: BatchVehicle, drawn: Drawn, companion: Companion, at: Timing, targets: Rows, found: Rows
 ) -> tuple[int, float]:
     """Dive as long as there are targets; return the number of ticks until it was lost, and its hidden delay.
 
@@ -90,7 +90,7 @@ class Afloat(NamedTuple):
     static: thrusters.Eight
 
 
-def begun(vehicle: Vehicle, drawn: Drawn) -> Afloat:
+def begun(vehicle: BatchVehicle, drawn: Drawn) -> Afloat:
     """Return the vehicle at rest where it starts."""
     oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back, vehicle.place_back)
     past = np.zeros((int(oldest) + STEPS + 2, 13))
@@ -107,7 +107,7 @@ def begins(afloat: Afloat) -> tuple[float, float]:
     return afloat.state[0] + afloat.slow[0, 9], afloat.state[1] + afloat.slow[0, 10]
 
 
-def went_on(vehicle: Vehicle, drawn: Drawn, afloat: Afloat, index: int, axes: Axes) -> Afloat:
+def went_on(vehicle: BatchVehicle, drawn: Drawn, afloat: Afloat, index: int, axes: Axes) -> Afloat:
     """Return the vehicle after the next tick; `axes` is the command that leaves at its beginning."""
     past, flying, slow, state, driven, static = afloat
     go_on_slow(drawn, slow, index + 1)
@@ -137,7 +137,7 @@ def permit(companion: Companion, index: int) -> Permission:
     )
 
 
-def aim(vehicle: Vehicle, wanted: Array, north: float, east: float, first: Readings) -> Wanted:
+def aim(vehicle: BatchVehicle, wanted: Array, north: float, east: float, first: Readings) -> Wanted:
     """Return where to go, from a row of targets; NaN: `north`, `east` and what was read at `first`."""
     target = Setpoint(
         (

@@ -89,7 +89,7 @@ def timing(
     untold_down_s: float = 0.0,
 ) -> Timing:
     """Work it out for a link; `seed` tells when in a tick the autopilot reads its input."""
-    phase = int(np.random.default_rng(seed).spawn(4)[3].integers(0, STEPS))  # as Vehicle draws it
+    phase = int(np.random.default_rng(seed).spawn(4)[3].integers(0, STEPS))  # as the simulator
     up_s, down_s = up_s + 0.5 * jitter_s, down_s + 0.5 * jitter_s
     read_s = (-phase % STEPS) * STEP_S
     age_s = _next(TICK_S - (read_s + STEP_S), up_s)
@@ -108,7 +108,7 @@ def _next(first_s: float, after_s: float) -> float:
     return first_s + TICK_S * math.ceil(round((after_s - first_s) / TICK_S, 9))
 
 
-class Vehicle(NamedTuple):
+class BatchVehicle(NamedTuple):
     """What the equations need to know of a dive's vehicle and water."""
 
     start: State
@@ -167,12 +167,12 @@ class Readings(NamedTuple):
     heading_rate: float
 
 
-def vehicle_of(config: SimConfig, at: Timing) -> Vehicle:
+def vehicle_of(config: SimConfig, at: Timing) -> BatchVehicle:
     """Make the parameters of a configured vehicle on a link."""
     sensors, current, tether, load = config.sensors, config.current, config.tether, config.load
     direction, way = math.radians(current.direction_deg), math.radians(config.waves.direction_deg)
     speed = current.speed_m_s if current.enabled else 0.0
-    return Vehicle(
+    return BatchVehicle(
         start=state_of(config.initial.eta, NO_WRENCH),
         hull=plant_of(config, STEP_S),
         six_dof=config.thrusters.frame == "vectored_6dof",
@@ -258,7 +258,7 @@ def refuse(config: SimConfig) -> None:
         )
 
 
-def motors(vehicle: Vehicle, axes: Six) -> Eight:
+def motors(vehicle: BatchVehicle, axes: Six) -> Eight:
     """Return the steady thrust (N) for axes on the wire: surge, sway, heave, yaw, roll, pitch."""
     surge, sway, heave, yaw, roll, pitch = axes
     demand = (roll, pitch, yaw, -heave, surge, sway)
@@ -276,7 +276,7 @@ def motors(vehicle: Vehicle, axes: Six) -> Eight:
     return static_thrust(vehicle.hull.thrusters, HEALTHY, pwm, vehicle.voltage_v)
 
 
-def water(vehicle: Vehicle, sea: Rows, slow: Rows, t_s: float, state: State) -> tuple[Three, Six]:
+def water(vehicle: BatchVehicle, sea: Rows, slow: Rows, t_s: float, state: State) -> tuple[Three, Six]:
     """Return force (N) and flow (m/s, m/s²) of the tick from `t_s` on, NED; `slow` (1, SLOW) as it is now."""
     x, y, z = state[0], state[1], state[2]
     north, east = vehicle.sea_way
@@ -348,7 +348,7 @@ def _row(past: Rows, step: int) -> State:
     )
 
 
-def read(vehicle: Vehicle, past: Rows, steps: int, slow: Rows, normals: Rows, tick: int) -> Readings:
+def read(vehicle: BatchVehicle, past: Rows, steps: int, slow: Rows, normals: Rows, tick: int) -> Readings:
     """Return what the telemetry reports that a tick takes in, `steps` steps after the start."""
     white = vehicle.white
     north = east = north_rate = east_rate = math.nan

@@ -21,7 +21,7 @@ from lab.loop.scenarios import SETTLE_S, Scenario
 from sim_bridge.config import SimConfig
 from sim_bridge.physics.thrusters import (
     HEALTHY,
-    Thrusters,
+    ThrusterBank,
     each_motor,
     static_thrust,
     thrusters_of,
@@ -222,7 +222,7 @@ def by_autopilot(truths: Sequence[Truth], plant: SimConfig, mode: int, reference
     )
 
 
-def commanded(truth: Truth, nominal: Thrusters) -> tuple[float, float, float]:
+def commanded(truth: Truth, nominal: ThrusterBank) -> tuple[float, float, float]:
     """Return surge, sway and heave (N) that the motors' PWM asks of thrusters without lag."""
     surge, sway, heave, *_ = wrench(
         nominal, static_thrust(nominal, HEALTHY, each_motor(truth.motor_pwm), truth.voltage_v)

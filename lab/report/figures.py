@@ -12,7 +12,7 @@ SETTLE_S = 3.0
 """After engaging, this long is the way in and not counted as holding."""
 
 
-class Axis(NamedTuple):
+class HeldAxis(NamedTuple):
     """Name, columns in `state` and `command`, and units of a degree of freedom."""
 
     name: str
@@ -28,13 +28,13 @@ class Axis(NamedTuple):
 
 
 AXES = {
-    "z": Axis("depth", "depth_m", "depth_desired_m", "heave_delivered_n", 1e3, "mm", "N", 0.005),
-    "psi": Axis(
+    "z": HeldAxis("depth", "depth_m", "depth_desired_m", "heave_delivered_n", 1e3, "mm", "N", 0.005),
+    "psi": HeldAxis(
         *("heading", "heading_rad", "heading_desired_rad", "yaw_delivered_nm"),
         *(float(np.degrees(1.0)), "°", "N·m", float(np.radians(0.5))),
     ),
-    "x": Axis("north", "x_m", "x_desired_m", "surge_delivered_n", 1e3, "mm", "N", 0.005),
-    "y": Axis("east", "y_m", "y_desired_m", "sway_delivered_n", 1e3, "mm", "N", 0.005),
+    "x": HeldAxis("north", "x_m", "x_desired_m", "surge_delivered_n", 1e3, "mm", "N", 0.005),
+    "y": HeldAxis("east", "y_m", "y_desired_m", "sway_delivered_n", 1e3, "mm", "N", 0.005),
 }
 
 LOOP = {
@@ -49,7 +49,7 @@ LOOP = {
 
 
 @dataclass(frozen=True)
-class Held:
+class Holding:
     """How well one degree of freedom was held in one phase: mm or degrees, N or N·m.
 
     Errors and `thrust_mean` are those while the reference rested; `moving_rms` is NaN where it never moved.
@@ -76,7 +76,7 @@ class Phase:
     begin_s: float
     end_s: float
     ended: str
-    held: list[Held]
+    held: list[Holding]
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def _warnings(log: Log) -> list[str]:
     return [*said, *(f"{count:.0f} {what}" for what, count in lost.items() if count), *log.notes]
 
 
-def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
+def _held(log: Log, span: StateSpan, dof: str) -> Holding | None:
     law, state, command = (
         between(log.keys[key], span.begin_s, span.end_s) for key in (f"dof/{dof}", "state", "command")
     )
@@ -161,7 +161,7 @@ def _held(log: Log, span: StateSpan, dof: str) -> Held | None:
     apart = error(state, dof)
     calm = apart[holding & np.isfinite(apart)]
     force = command[AXES[dof].force]
-    return Held(
+    return Holding(
         dof=dof,
         hold_s=float(holding.mean()) * (span.end_s - span.begin_s),
         rms=_rms(calm),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from html import escape
 
-from lab.report.figures import AXES, LOOP, DiveFigures, Held
+from lab.report.figures import AXES, LOOP, DiveFigures, Holding
 from lab.report.log import Log
 
 STYLE = """
@@ -93,7 +93,7 @@ def _held(figures: DiveFigures) -> Iterator[Sequence[str]]:
             yield (*(first if i == 0 else ("", "", "")), *_row(hold), phase.ended if i == 0 else "")
 
 
-def _row(hold: Held) -> Iterator[str]:
+def _row(hold: Holding) -> Iterator[str]:
     axis = AXES[hold.dof]
     yield from (axis.name, _time(hold.hold_s))
     for value in (hold.rms, hold.p95, hold.peak, hold.bias, hold.moving_rms):

@@ -24,7 +24,7 @@ LEAN_CORRECTION_RAD_S2, YAW_CORRECTION_RAD_S2 = 0.5 * SHAPING_RAD_S2, math.radia
 MAX_YAW_ERROR_RAD = math.radians(45.0)
 
 
-class Gains(NamedTuple):
+class AttitudeGains(NamedTuple):
     """Parameters of one axis, as in the table above."""
 
     angle_p: float
@@ -39,7 +39,7 @@ class Gains(NamedTuple):
     max_error_rad: float
 
 
-class Axis(NamedTuple):
+class AxisLoop(NamedTuple):
     """What the loop remembers: target (rad, rad/s), rate target behind its filter, error, D term, I term."""
 
     angle: float
@@ -51,10 +51,10 @@ class Axis(NamedTuple):
     demand: float
 
 
-def gains(params: Parameters, name: str) -> Gains:
+def gains(params: Parameters, name: str) -> AttitudeGains:
     """Return the gains of RLL, PIT or YAW."""
     yaw = name == "YAW"
-    return Gains(
+    return AttitudeGains(
         params[f"ATC_ANG_{name}_P"],
         params[f"ATC_RAT_{name}_P"],
         params[f"ATC_RAT_{name}_I"],
@@ -68,24 +68,24 @@ def gains(params: Parameters, name: str) -> Gains:
     )
 
 
-def relaxed(angle: float, rate: float) -> Axis:
+def relaxed(angle: float, rate: float) -> AxisLoop:
     """Return an axis whose target is where the vehicle is, as while disarmed."""
-    return Axis(angle, rate, rate, 0.0, 0.0, 0.0, 0.0)
+    return AxisLoop(angle, rate, rate, 0.0, 0.0, 0.0, 0.0)
 
 
-def toward_angle(gains: Gains, axis: Axis, wanted: float, fastest: float, dt: float) -> Axis:
+def toward_angle(gains: AttitudeGains, axis: AxisLoop, wanted: float, fastest: float, dt: float) -> AxisLoop:
     """Move the target towards an angle, at `fastest` rad/s at most."""
     angle = axis.angle + axis.rate * dt
     rate = braking(wrap(wanted - angle), 1.0 / gains.input_tc_s, SHAPING_RAD_S2, dt)
     return _aimed(axis, angle, clip(_limited(axis.rate, rate, dt), fastest))
 
 
-def toward_rate(axis: Axis, wanted: float, dt: float) -> Axis:
+def toward_rate(axis: AxisLoop, wanted: float, dt: float) -> AxisLoop:
     """Move the target at a rate."""
     return _aimed(axis, axis.angle + axis.rate * dt, _limited(axis.rate, wanted, dt))
 
 
-def follow(gains: Gains, axis: Axis, angle: float, rate: float, dt: float) -> Axis:
+def follow(gains: AttitudeGains, axis: AxisLoop, angle: float, rate: float, dt: float) -> AxisLoop:
     """Advance the loop: `demand` of the result is what the motors are asked, -1..1."""
     away = clip(wrap(axis.angle - angle), gains.max_error_rad)
     target = wrap(angle + away)
@@ -103,21 +103,21 @@ def wrap(angle: float) -> float:
     return math.remainder(angle, math.tau)
 
 
-def _aimed(axis: Axis, angle: float, rate: float) -> Axis:
+def _aimed(axis: AxisLoop, angle: float, rate: float) -> AxisLoop:
     """Return the axis with another target: `_replace`, in a third of its time."""
     _, _, filtered, error, derivative, integral, demand = axis
-    return Axis(angle, rate, filtered, error, derivative, integral, demand)
+    return AxisLoop(angle, rate, filtered, error, derivative, integral, demand)
 
 
 def _limited(now: float, wanted: float, dt: float) -> float:
     return now + clip(wanted - now, SHAPING_RAD_S2 * dt)
 
 
-def _rate_loop(gains: Gains, axis: Axis, wanted: float, rate: float, dt: float) -> Axis:
+def _rate_loop(gains: AttitudeGains, axis: AxisLoop, wanted: float, rate: float, dt: float) -> AxisLoop:
     filtered = axis.filtered_rate + smoothing(gains.target_filter_hz, dt) * (wanted - axis.filtered_rate)
     error = filtered - rate
     slope = (error - axis.error) / dt
     derivative = axis.derivative + smoothing(gains.derivative_filter_hz, dt) * (slope - axis.derivative)
     integral = clip(axis.integral + gains.rate_i * error * dt, gains.integral_limit)
     demand = clip(gains.rate_p * error + integral + gains.rate_d * derivative, 1.0)
-    return Axis(axis.angle, axis.rate, filtered, error, derivative, integral, demand)
+    return AxisLoop(axis.angle, axis.rate, filtered, error, derivative, integral, demand)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_bridge.firmware import absent, messages, modes
 from sim_bridge.firmware.answers import BOOT_TEXTS, INFO, WARNING
 from sim_bridge.firmware.board import NOWHERE, Board, Origin
-from sim_bridge.firmware.commands import Commands
+from sim_bridge.firmware.commands import CommandHandler
 from sim_bridge.firmware.failsafes import Failsafes
 from sim_bridge.firmware.frames import Message
 from sim_bridge.firmware.mixer import mix, motor_pwm
@@ -42,7 +42,7 @@ class Autopilot(Board):
         self._withheld: Origin | None = None
         """What the origin will be once it may be set."""
         self._boot_texts = deque(BOOT_TEXTS if self.rebooted else ())
-        self._commands = Commands(self)
+        self._commands = CommandHandler(self)
         self.failsafes = Failsafes(self)
         self._delta_s = -math.inf
         """When the EKF last took a VISION_POSITION_DELTA."""

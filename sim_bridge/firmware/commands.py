@@ -15,7 +15,7 @@ FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 """Numbers in a parameter that switch off the checks."""
 
 
-class Commands:
+class CommandHandler:
     """Carries out commands for a board: `_nav_land` takes MAV_CMD_NAV_LAND, a link and seven parameters."""
 
     def __init__(self, board: Board) -> None:

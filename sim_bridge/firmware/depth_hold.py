@@ -36,28 +36,28 @@ class DepthLoop(NamedTuple):
 AT_REST = DepthLoop(0.0, 0.0, 0.0, 0.0)
 
 
-class Wanted(NamedTuple):
+class ClimbTarget(NamedTuple):
     """The motion of the target, positive up: m/s, m/s²."""
 
     climb_m_s: float
     rise_m_s2: float
 
 
-STILL = Wanted(0.0, 0.0)
+STILL = ClimbTarget(0.0, 0.0)
 
 
-def toward_climb(wanted: Wanted, climb_m_s: float, dt: float) -> Wanted:
+def toward_climb(wanted: ClimbTarget, climb_m_s: float, dt: float) -> ClimbTarget:
     """Return the target's motion `dt` (s) later, on its way to a climb rate; its jerk is bounded."""
     climb = wanted.climb_m_s + wanted.rise_m_s2 * dt
     hasten = clip(MAX_JERK_M_S3 / MAX_ACCELERATION_M_S2 * (climb_m_s - climb), MAX_ACCELERATION_M_S2)
-    return Wanted(climb, wanted.rise_m_s2 + clip(hasten - wanted.rise_m_s2, MAX_JERK_M_S3 * dt))
+    return ClimbTarget(climb, wanted.rise_m_s2 + clip(hasten - wanted.rise_m_s2, MAX_JERK_M_S3 * dt))
 
 
 def step(
     gains: DepthGains,
     state: DepthLoop,
     too_deep_m: float,
-    wanted: Wanted,
+    wanted: ClimbTarget,
     fastest_m_s: float,
     climb_m_s: float,
     rise_m_s2: float,

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware import frames
 from sim_bridge.firmware.frames import Message
-from sim_bridge.firmware.streams import Streams
+from sim_bridge.firmware.streams import StreamSchedule
 
 COMPONENT = 1
 UTC_AT_BOOT_S, MAVLINK_EPOCH_S = 1_760_000_000, 1_420_070_400
@@ -37,7 +37,7 @@ class Link:
         self.parser = mavlink.MAVLink(None)
         self.parser.robust_parsing = True
         self.packer = mavlink.MAVLink(None, srcComponent=COMPONENT)
-        self.streams = Streams()
+        self.streams = StreamSchedule()
         self.parameters: deque[str] = deque()
         self.heard: set[tuple[int, int]] = set()
 

@@ -35,7 +35,7 @@ class FlightControl:
         self._heading = 0.0
         self._yaw_moved_s = 0.0
         self._attitude = [attitude.relaxed(0.0, 0.0) for _ in AXES]
-        self._attitude_gains: list[attitude.Gains] = []
+        self._attitude_gains: list[attitude.AttitudeGains] = []
         self._gains_as_of = -1
         self._depth_hold = depth_hold.AT_REST
         self._wanted = depth_hold.STILL
@@ -52,7 +52,7 @@ class FlightControl:
         self.mode = mode
         self.depth_target = estimate.depth_m
         self._heading = estimate.yaw
-        self._wanted = depth_hold.Wanted(
+        self._wanted = depth_hold.ClimbTarget(
             estimate.climb_m_s, clip(estimate.rise_m_s2, depth_hold.MAX_ACCELERATION_M_S2)
         )
         integral = clip(2.0 * (self._throttle_in - THROTTLE_MIDDLE), self._integral_limit)
@@ -86,7 +86,7 @@ class FlightControl:
         self._throttle_in = 0.5 * (throttle + 1.0)
         return roll, pitch, yaw, throttle, forward, lateral
 
-    def _gains(self) -> list[attitude.Gains]:
+    def _gains(self) -> list[attitude.AttitudeGains]:
         """Return the attitude loop's gains, read again where a parameter was set."""
         params = self._params
         if self._gains_as_of != params.changes:

@@ -65,7 +65,7 @@ FASTEST_INTERVAL_US = 3125
 TRANSFER_SLOWDOWN = 4.0
 
 
-class Streams:
+class StreamSchedule:
     """Intervals of one link. Times are seconds since boot; messages of one rate share their slots."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Body, Six, State, Three, state_of
-from sim_bridge.physics.thrusters import HEALTHY, NEUTRAL_US, NO_THRUST, Eight, Starting, Thrusters
+from sim_bridge.physics.thrusters import HEALTHY, NEUTRAL_US, NO_THRUST, Eight, Starting, ThrusterBank
 
 STEP_S = 0.005
 """Longest step of the plant, and the period at which the sea and the tether change."""
@@ -29,7 +29,7 @@ class Plant(NamedTuple):
     """A body with its thrusters, and the length of its steps."""
 
     body: Body
-    thrusters: Thrusters
+    thrusters: ThrusterBank
     step_s: float
     follow: float
     """What `thrusters.follow_of` gives for a step."""

@@ -5,7 +5,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from sim_bridge.config import Current, Seabed, SimConfig
+from sim_bridge.config import CurrentConfig, Seabed, SimConfig
 from sim_bridge.physics.cable import CableChain
 from sim_bridge.physics.plant import STILL_WATER, State, ned_velocity
 from sim_bridge.physics.plant import Six as Flow
@@ -44,7 +44,7 @@ class WaterCurrent:
     The mean turns at its rate and is scaled by the profile; a slow random variation adds to each component.
     """
 
-    def __init__(self, config: Current, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(self, config: CurrentConfig, step_s: float, rng: np.random.Generator) -> None:
         self._speed_m_s = config.speed_m_s
         self._direction = math.radians(config.direction_deg)
         self._turn_rad_s = math.radians(config.turn_deg_s)
@@ -83,7 +83,7 @@ class WaterCurrent:
         return self._speed_m_s * math.cos(direction), self._speed_m_s * math.sin(direction)
 
 
-class Ground:
+class SeabedContact:
     """The seabed under the hull: a spring and a damper that only push, and Coulomb friction."""
 
     SLIP_M_S = 0.05
@@ -115,7 +115,7 @@ class Environment:
     def __init__(self, config: SimConfig, step_s: float, rng: np.random.Generator) -> None:
         rngs = rng.spawn(4)
         self.load_on = False
-        self._ground = Ground(config.seabed, config.hull.height_m) if config.seabed.enabled else None
+        self._ground = SeabedContact(config.seabed, config.hull.height_m) if config.seabed.enabled else None
         depth_m = config.seabed.depth_m if config.seabed.enabled else math.inf
         self.sea = Sea(config.waves, rngs[1], depth_m) if config.waves.enabled else None
         self._current = WaterCurrent(config.current, step_s, rngs[0]) if config.current.enabled else None

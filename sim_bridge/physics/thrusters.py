@@ -33,7 +33,7 @@ NO_THRUST: Eight = (0.0,) * 8
 HEALTHY: Eight = (1.0,) * 8
 
 
-class Thrusters(NamedTuple):
+class ThrusterBank(NamedTuple):
     """What the equations need to know of a set of thrusters."""
 
     number: int
@@ -50,12 +50,12 @@ class Thrusters(NamedTuple):
     axis_gain: Six
 
 
-def thrusters_of(config: ThrusterConfig) -> Thrusters:
+def thrusters_of(config: ThrusterConfig) -> ThrusterBank:
     """Make the parameters of configured thrusters."""
     count = 8 if config.frame == "vectored_6dof" else 6
     gain = config.gain * count if len(config.gain) == 1 else config.gain
     dead = config.dead_band_us
-    return Thrusters(
+    return ThrusterBank(
         count,
         config.curve == "quadratic",
         dead,
@@ -76,18 +76,18 @@ def each_motor(pwm: Sequence[int]) -> Eight:
     return float(a), float(b), float(c), float(d), float(e), float(f), float(g), float(h)
 
 
-def static_thrust(thrusters: Thrusters, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
+def static_thrust(thrusters: ThrusterBank, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is a dead thruster."""
     return scaled(thrusters, health, _eight([curve(thrusters, us) for us in pwm]), voltage_v)
 
 
-def scaled(thrusters: Thrusters, health: Eight, curve_n: Eight, voltage_v: float) -> Eight:
+def scaled(thrusters: ThrusterBank, health: Eight, curve_n: Eight, voltage_v: float) -> Eight:
     """Steady thrust (N) of thrusters whose curve gives `curve_n` (N)."""
     scale = (voltage_v / CURVE_VOLTAGE_V) * (voltage_v / CURVE_VOLTAGE_V)
     return _eight([curve_n[i] * thrusters.gain[i] * health[i] * scale for i in range(len(curve_n))])
 
 
-def curve(thrusters: Thrusters, pwm: float) -> float:
+def curve(thrusters: ThrusterBank, pwm: float) -> float:
     """Steady thrust (N) of a healthy thruster of gain 1 at 16 V."""
     offset_us, us = pwm - NEUTRAL_US, thrusters.curve_us
     if abs(offset_us) <= thrusters.dead_band_us:
@@ -145,7 +145,7 @@ def follow_of(lag_s: float, dt: float) -> float:
     return 1.0 - math.exp(-dt / lag_s) if lag_s > 0.0 else 1.0
 
 
-def wrench(thrusters: Thrusters, thrust: Eight) -> Six:
+def wrench(thrusters: ThrusterBank, thrust: Eight) -> Six:
     """Sum up the body wrench (N, N·m)."""
     hx, hy, hz = thrusters.horizontal_m
     vx, vy, _ = thrusters.vertical_m
@@ -163,7 +163,7 @@ def wrench(thrusters: Thrusters, thrust: Eight) -> Six:
     )
 
 
-def inflow(thrusters: Thrusters, nu_r: Six) -> Eight:
+def inflow(thrusters: ThrusterBank, nu_r: Six) -> Eight:
     """Speed of the water into each thruster, along its direction (m/s): the transpose of `wrench` on nu_r.
 
     `nu_r` is the velocity relative to the water (m/s, rad/s, body).

@@ -8,7 +8,7 @@ from companion.mavlink.ardusub import QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.link_maintenance import PARAMETERS, VOLATILE, LinkMaintenance
 from companion.mavlink.streams import streams
-from companion.records import Firmware, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
+from companion.records import FirmwareVersion, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
 from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
@@ -127,7 +127,7 @@ def test_what_the_firmware_has_refused_is_not_asked_for_again_until_it_reboots(d
 @pytest.mark.parametrize(
     ("message_id", "asked", "answer", "name"),
     [
-        (VERSION, 3, Firmware(12.0, "4.7.0 (dev)", (4, 7, 0)), "firmware"),
+        (VERSION, 3, FirmwareVersion(12.0, "4.7.0 (dev)", (4, 7, 0)), "firmware"),
         (ORIGIN, 6, GlobalOrigin(12.0, 47.4, 8.55, 0.0), "origin"),
     ],
     ids=["version", "origin"],

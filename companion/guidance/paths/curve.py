@@ -36,7 +36,7 @@ class Node(NamedTuple):
     ddp: Vector
 
 
-class Curve:
+class PathCurve:
     """The curve through its nodes, two or more, s increasing from 0.
 
     The nodes are numbers in a row, not objects: a curve of thousands is dropped at once, within a tick.
@@ -117,7 +117,7 @@ METRES_PER_RAD = 0.5
 """How much of s a turn on the spot counts for."""
 
 
-def straight(start: Vector, end: Vector) -> Curve | None:
+def straight(start: Vector, end: Vector) -> PathCurve | None:
     """Return a straight line that turns by the short way, smoothly; None where both poses are the same."""
     step = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
     turn = wrap(end[3] - start[3])
@@ -125,7 +125,7 @@ def straight(start: Vector, end: Vector) -> Curve | None:
     if s < 1e-3:
         return None
     dp = (step[0] / s, step[1] / s, step[2] / s, 0.0)
-    return Curve([Node(0.0, start, dp, ZERO), Node(s, (*end[:3], start[3] + turn), dp, ZERO)])
+    return PathCurve([Node(0.0, start, dp, ZERO), Node(s, (*end[:3], start[3] + turn), dp, ZERO)])
 
 
 def sampled(point: Callable[[float], tuple[Point, Point, Point]], end: float, count: int) -> Iterator[Node]:
@@ -148,7 +148,7 @@ def sampled(point: Callable[[float], tuple[Point, Point, Point]], end: float, co
         yield Node(s, (*p, 0.0), (x, y, z, 0.0), (kx, ky, kz, 0.0))
 
 
-def turn_along(curve: Curve, *, loops: bool) -> Steps[None]:
+def turn_along(curve: PathCurve, *, loops: bool) -> Steps[None]:
     """Turn ψ along the path, 0 where it begins vertically."""
     psi = 0.0
     headings, bends, s = array("d"), array("d"), array("d")
@@ -172,7 +172,7 @@ def turn_along(curve: Curve, *, loops: bool) -> Steps[None]:
         yield 1
 
 
-def turn_between(curve: Curve, stations: Sequence[tuple[float, float]]) -> Steps[None]:
+def turn_between(curve: PathCurve, stations: Sequence[tuple[float, float]]) -> Steps[None]:
     """Turn ψ smoothly from station to station: (s, ψ), s increasing."""
     i = 0
     for k, node in enumerate(curve):

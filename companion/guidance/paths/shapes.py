@@ -14,15 +14,15 @@ from msgspec import UNSET, UnsetType
 
 from companion.core.bounds import wrap
 from companion.guidance.paths.curve import (
-    Curve,
     Node,
+    PathCurve,
     Point,
     between,
     sampled,
     turn_along,
     turn_between,
 )
-from companion.guidance.paths.time_law import LOOKS_AHEAD_S, Limits, Profile, profiled
+from companion.guidance.paths.time_law import LOOKS_AHEAD_S, PathLimits, Profile, profiled
 from companion.records import ZERO, Flags, Vector, chosen
 from companion.steps import Steps, finish
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, LawnMower, Lemniscate, PathPlan, Waypoint
@@ -38,13 +38,13 @@ SHORTEST_M = 1e-3
 class Leg(NamedTuple):
     """A smooth curve from standstill to standstill; one that loops is closed, and has no end."""
 
-    curve: Curve
+    curve: PathCurve
     profile: Profile
     wait_s: float
     loops: bool
 
 
-Bare = tuple[Curve, float, bool]
+Bare = tuple[PathCurve, float, bool]
 """A leg before its speeds are known: its curve, how long it waits at the end, and whether it loops."""
 
 
@@ -84,12 +84,12 @@ class Path(NamedTuple):
                 yield node.p[:3] if kept else None
 
 
-def build(plan: PathPlan, limits: Limits) -> Path:
+def build(plan: PathPlan, limits: PathLimits) -> Path:
     """Return the path of a plan; raise ValueError, with key and value, for one that cannot be travelled."""
     return finish(building(plan, limits))
 
 
-def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
+def building(plan: PathPlan, limits: PathLimits) -> Steps[Path]:
     """Do the same in steps: a long path takes a second."""
     shapes = [plan.circle, plan.lemniscate, plan.lawn_mower]
     given = [shape for shape in shapes if not isinstance(shape, UnsetType)]
@@ -118,7 +118,7 @@ def building(plan: PathPlan, limits: Limits) -> Steps[Path]:
     return Path(plan, tuple(legs), (plan.relative, plan.relative, not deep, keeps), extremes, length_m)
 
 
-def _extremes(curves: Sequence[Curve]) -> Steps[tuple[Point, ...]]:
+def _extremes(curves: Sequence[PathCurve]) -> Steps[tuple[Point, ...]]:
     """Return the six places that are furthest south, west, up, north, east and down."""
     low, high = ([curves[0][0].p[:3]] * 3 for _ in range(2))
     for curve in curves:
@@ -143,7 +143,7 @@ def _shape(plan: PathPlan, shape: Circle | Lemniscate | LawnMower) -> Steps[list
         nodes = sampled(_round(shape, z), math.tau, TURN_NODES)
     else:
         nodes = sampled(_eight(shape, z), math.tau, LEMNISCATE_NODES)
-    curve = Curve()
+    curve = PathCurve()
     yield from curve.join(nodes)
     yield from _turn(plan, curve, loops=True)
     return [(curve, 0.0, True)]
@@ -211,7 +211,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
     headings = [_radians(waypoint.heading_deg) for waypoint in waypoints]
     psi = next((given for given in headings if given is not None), None)
     legs: list[Bare] = []
-    curve, stations = Curve(), [(0.0, headings[0])]
+    curve, stations = PathCurve(), [(0.0, headings[0])]
     here = _towards(*edges[0], reach[0] or 0.0)
     for k, (previous, at) in enumerate(edges, start=1):
         if math.dist(previous, at) < SHORTEST_M:
@@ -232,7 +232,7 @@ def _polyline(plan: PathPlan, waypoints: Sequence[Waypoint], *, closed: bool) ->
             stations.append((curve.length, headings[k]))
             psi = yield from _turn(plan, curve, stations, psi, loops=loops)
             legs.append((curve, waypoints[k].wait_s, loops))
-            curve, stations = Curve(), [(0.0, headings[k])]
+            curve, stations = PathCurve(), [(0.0, headings[k])]
     return legs
 
 
@@ -300,7 +300,7 @@ def _towards(begin: Point, end: Point, d: float) -> Point:
 
 def _turn(
     plan: PathPlan,
-    curve: Curve,
+    curve: PathCurve,
     stations: Sequence[tuple[float, float | None]] = (),
     last_psi: float | None = None,
     *,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from companion.config import AxisSection, Config
 from companion.core import reference
 from companion.core.bounds import clamped, wrap
-from companion.guidance.paths.curve import Curve, between
+from companion.guidance.paths.curve import PathCurve, between
 from companion.records import Setpoint, Vector, vector
 from companion.steps import Steps
 
@@ -39,7 +39,7 @@ SLOWEST_MPS = 0.005
 """What any place is passed with, however sharp."""
 
 
-class Limits(NamedTuple):
+class PathLimits(NamedTuple):
     """Largest speeds and accelerations of the reference: m/s level and vertical, rad/s, m/s², rad/s²."""
 
     level: float
@@ -49,12 +49,12 @@ class Limits(NamedTuple):
     turn_acceleration: float
 
 
-def limits(config: Config) -> Limits:
+def limits(config: Config) -> PathLimits:
     """Return what the axes' limits, thrust and drag allow in every heading."""
     level = min(_fastest(config.surge), _fastest(config.sway))
     acceleration = min(axis.max_acceleration for axis in config.axes[:3])
     yaw = config.yaw
-    return Limits(level, _fastest(config.heave), yaw.max_rate, acceleration, yaw.max_acceleration)
+    return PathLimits(level, _fastest(config.heave), yaw.max_rate, acceleration, yaw.max_acceleration)
 
 
 def _fastest(axis: AxisSection) -> float:
@@ -66,7 +66,7 @@ def _fastest(axis: AxisSection) -> float:
 class Profile(NamedTuple):
     """The largest speed at each place of a curve, made by `profiled` before it is travelled."""
 
-    curve: Curve
+    curve: PathCurve
     acceleration: float
     max_speed: float
     loops: bool
@@ -154,7 +154,7 @@ class TimeLaw:
 
 
 def profiled(
-    curve: Curve, speed: float, acceleration: float, limits: Limits, *, loops: bool = False
+    curve: PathCurve, speed: float, acceleration: float, limits: PathLimits, *, loops: bool = False
 ) -> Steps[Profile]:
     """Return a curve's profile by the plan's speed and acceleration; `loops` for several laps."""
     most = min(acceleration, limits.acceleration) * MARGIN
@@ -177,7 +177,7 @@ def profiled(
     return Profile(curve, ALONG * most, max(caps), loops, grid, caps, braked)
 
 
-def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: Limits) -> float:
+def _cap(dp: Vector, ddp: Vector, speed: float, acceleration: float, limits: PathLimits) -> float:
     level, vertical, turn = math.hypot(dp[0], dp[1]), abs(dp[2]), abs(dp[3])
     bend, turn_bend = math.hypot(*ddp[:3]), abs(ddp[3])
     least = min(
