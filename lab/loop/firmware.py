@@ -49,7 +49,7 @@ from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.faults import Datagram, Faults
 from sim_bridge.physics.body import Physics
-from sim_bridge.physics.json_physics import DrivenBody, Responder, SensedMotion, ServoFrame
+from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed
 from sim_bridge.physics.plant import state_of
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 
@@ -348,7 +348,7 @@ class Firmware:
                         heard.append((link, data))
         return heard
 
-    def _move(self, frame: ServoFrame, dt_s: float) -> SensedMotion:
+    def _move(self, frame: Asked, dt_s: float) -> Sensed:
         if self._free:
             return self._body.move(frame, dt_s)
         self._held_s += dt_s
@@ -455,7 +455,7 @@ def vehicle_of(
         yield vehicle
 
 
-def held(eta: Sequence[float], lowered_s: float) -> SensedMotion:
+def held(eta: Sequence[float], lowered_s: float) -> Sensed:
     """Return the motion of a body that is held at `eta` but at the surface, and lowered to it from time 0 on.
 
     The way down is the minimum-jerk polynomial 10 s³ − 15 s⁴ + 6 s⁵ over LOWERING_S, level.
@@ -465,9 +465,7 @@ def held(eta: Sequence[float], lowered_s: float) -> SensedMotion:
     z = depth_m * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
     sink = depth_m * 30.0 * s * s * (1.0 - s) ** 2 / LOWERING_S
     faster = depth_m * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / LOWERING_S**2
-    return SensedMotion(
-        state_of((x, y, z, 0.0, 0.0, psi), (0.0, 0.0, sink, 0.0, 0.0, 0.0)), (0.0, 0.0, faster)
-    )
+    return Sensed(state_of((x, y, z, 0.0, 0.0, psi), (0.0, 0.0, sink, 0.0, 0.0, 0.0)), (0.0, 0.0, faster))
 
 
 def _refuse(fault: Fault) -> None:

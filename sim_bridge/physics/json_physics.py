@@ -41,7 +41,7 @@ LOST_AFTER_S = 0.5
 """A frame that comes again so long after its answer did not get it: the firmware waits a second."""
 
 
-class ServoFrame(NamedTuple):
+class Asked(NamedTuple):
     """What the firmware asks: one step with these outputs."""
 
     rate_hz: int
@@ -51,7 +51,7 @@ class ServoFrame(NamedTuple):
     """(16,) or (32,), µs; 0 where there is no pulse."""
 
 
-class SensedMotion(NamedTuple):
+class Sensed(NamedTuple):
     """What the firmware's simulated sensors feel."""
 
     state: State
@@ -60,7 +60,7 @@ class SensedMotion(NamedTuple):
     """Of the body over the ground, body axes (m/s²); gravity is taken off in the reply."""
 
 
-def parse(packet: bytes) -> ServoFrame | None:
+def parse(packet: bytes) -> Asked | None:
     """Return the frame in `packet`, or None if it is none."""
     if len(packet) < HEADER.size:
         return None
@@ -68,10 +68,10 @@ def parse(packet: bytes) -> ServoFrame | None:
     outputs = OUTPUTS.get(magic, 0)
     if not outputs or not rate_hz or len(packet) != HEADER.size + 2 * outputs:
         return None
-    return ServoFrame(rate_hz, number, struct.unpack_from(f"<{outputs}H", packet, HEADER.size))
+    return Asked(rate_hz, number, struct.unpack_from(f"<{outputs}H", packet, HEADER.size))
 
 
-def reply(time_s: float, motion: SensedMotion, *, time_sync: bool = True) -> bytes:
+def reply(time_s: float, motion: Sensed, *, time_sync: bool = True) -> bytes:
     """Return the text that answers a frame; `time_s` is the time that the firmware is to see."""
     x, y, z, q0, q1, q2, q3, _, _, _, p, q, r = motion.state
     north, east, down = ned_velocity(motion.state)
@@ -101,16 +101,14 @@ class Responder:
     autopilot reboots in the water; its time starts at 0 again. Whatever the bytes, nothing raises.
     """
 
-    def __init__(
-        self, move: Callable[[ServoFrame, float], SensedMotion], step_s: float | None = None
-    ) -> None:
+    def __init__(self, move: Callable[[Asked, float], Sensed], step_s: float | None = None) -> None:
         """Prepare to answer; `move` advances the body by a time (s) under a frame's outputs.
 
         That is `step_s`, and the firmware then does not wait for the wall clock; None: 1/frame_rate.
         """
         self._move = move
         self._step_s = step_s
-        self._last: ServoFrame | None = None
+        self._last: Asked | None = None
         self._answer = b""
         self._answered_s = -math.inf
         self._time_s = 0.0
@@ -161,7 +159,7 @@ class DrivenBody:
         """Physics time at which a motor first turned."""
         self._undrained_s = 0.0
 
-    def move(self, frame: ServoFrame, dt_s: float) -> SensedMotion:
+    def move(self, frame: Asked, dt_s: float) -> Sensed:
         """Advance by `dt_s` (s)."""
         physics = self.physics
         self.pwm = tuple(us or NEUTRAL_US for us in frame.pwm[: len(self.pwm)])
@@ -172,4 +170,4 @@ class DrivenBody:
         if self._undrained_s >= self.DRAIN_PERIOD_S - 1e-9:
             physics.drain(self.source_v, self._undrained_s)
             self._undrained_s = 0.0
-        return SensedMotion(physics.state, physics.acceleration())
+        return Sensed(physics.state, physics.acceleration())

@@ -10,7 +10,7 @@ import pytest
 
 from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
-from sim_bridge.physics.json_physics import DrivenBody, Responder, SensedMotion, ServoFrame, reply
+from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed, reply
 from sim_bridge.physics.plant import GRAVITY, state_of
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
@@ -31,7 +31,7 @@ def read(data):
 
 
 def motion(eta=(0.0,) * 6, nu=(0.0,) * 6, acceleration=(0.0, 0.0, 0.0)):
-    return SensedMotion(state_of(eta, nu), acceleration)
+    return Sensed(state_of(eta, nu), acceleration)
 
 
 def body(*overrides):
@@ -112,8 +112,8 @@ def test_motors_drive_the_body_and_an_output_without_a_pulse_is_at_rest():
     up, off = body("initial.eta=[0,0,5,0,0,0]"), body("initial.eta=[0,0,5,0,0,0]")
     # Above 1500 a vertical motor pushes down: below, the four of them lift.
     for number in range(400):
-        up.move(ServoFrame(400, number, (1500,) * 4 + (1400,) * 4 + (0,) * 8), 0.0025)
-        off.move(ServoFrame(400, number, (0,) * 16), 0.0025)
+        up.move(Asked(400, number, (1500,) * 4 + (1400,) * 4 + (0,) * 8), 0.0025)
+        off.move(Asked(400, number, (0,) * 16), 0.0025)
     assert up.physics.state[2] < off.physics.state[2] - 0.05
     assert off.turned_s is None
 
@@ -123,7 +123,7 @@ def test_a_loads_time_counts_from_the_first_turn_of_a_motor():
     on = []
     for number in range(2000):
         pwm = (1500,) * 15 + (1500,) if number < 400 else (1501, *(1500,) * 15)
-        one.move(ServoFrame(400, number, pwm), 0.0025)
+        one.move(Asked(400, number, pwm), 0.0025)
         on.append(one.physics.environment.load_on)
     assert one.turned_s == pytest.approx(1.0, abs=0.003)
     assert on.index(True) / 400 == pytest.approx(2.0, abs=0.01)
