@@ -92,10 +92,7 @@ def truths(
     parameters: dict[str, float],
     firmware: Path | None = None,
 ) -> Generator[Truth, None, None]:
-    """Dive `scenario` in ALT_HOLD with these parameters; give the truth after each tick.
-
-    The ALT_HOLD is that of the real `firmware`, or our stand-in's if that is None.
-    """
+    """Dive `scenario` in ALT_HOLD, ours or the real `firmware`'s; give the truth after each tick."""
     config = scenario.plant(plant, scenario.seed)
     config = replace(config, parameters=config.parameters | parameters)
     station = AutopilotStation()

@@ -4,7 +4,8 @@
     v_f' = ω (ẋ − v_f) = a_f    f_f' = ω (f − f_f)      one filter for both, so that they stay synchronous
 
 (Sieberling, Chu and Mulder, J. Guid. Control Dyn. 2010, 33, 1732.) What f_f − m a_f differs from the model's
-k + h is told as d̂, with the paper's sign: so the force is that of the law with this d̂.
+k + h is told as d̂, with the paper's sign: so the force is that of the law with this d̂. A compensator's d̂
+belongs to the model: it is added at once, and what is measured is taken less it, through the same filter.
 
 | symbol | meaning                                                  | key, or unit                          |
 |--------|----------------------------------------------------------|---------------------------------------|
@@ -34,13 +35,12 @@ class Parameters(NamedTuple):
 
 
 class State(NamedTuple):
-    """The filters; `started` is false where they begin again."""
+    """v_f (m/s), f_f and the compensator's d̂ filtered (N); `started` is false where they begin again."""
 
     started: bool
     v: float
-    """v_f, m/s."""
     f: float
-    """f_f, N."""
+    d: float
     asked: float
     thrust: float
     d_hat: float
@@ -48,18 +48,20 @@ class State(NamedTuple):
 
 def initial(parameters: Parameters) -> State:
     """Return a state that knows of no disturbance and of no motion."""
-    return State(False, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return State(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
     """Return the force for this tick; where the command was cut off the filters begin again."""
     m = motion.m
     lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
-    v, f, d_hat = motion.x_dot, thrust, state.d_hat
+    v, f, d, d_hat = motion.x_dot, thrust, motion.d_hat, state.d_hat
     if state.started and motion.free and dt_s > 0.0:
         new = 1.0 - math.exp(-parameters.omega * motion.share * motion.share * dt_s)
         v, f = state.v + new * (motion.x_dot - state.v), state.f + new * (thrust - state.f)
-        d_hat = limited(f - m * (v - state.v) / dt_s - motion.k_plus_h, parameters.max_disturbance)
+        d = state.d + new * (motion.d_hat - state.d)
+        measured = f - m * (v - state.v) / dt_s - motion.k_plus_h
+        d_hat = limited(measured - d + motion.d_hat, parameters.max_disturbance)
     terms = law_with(motion, d_hat)
     asked = limited(terms.feedforward + terms.feedback + d_hat, parameters.max_force)
-    return State(motion.free, v, f, asked, lagging, d_hat), terms
+    return State(motion.free, v, f, d, asked, lagging, d_hat), terms

@@ -2,7 +2,7 @@
 
     v_t = ẋ_d − k_p e        τ = m (ẍ_d + k_v (v_t − ẋ) + i)        i' = k_i (v_t − ẋ)
 
-It knows the mass but not the drag, which its integral has to find.
+It knows the mass but not the drag, which its integral has to find. A compensator's d̂ is added to τ.
 
 | symbol | key of the configuration       | unit  |
 |--------|--------------------------------|-------|
@@ -48,4 +48,4 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
         grown = force + dt_s * parameters.k_i * share * share * m * lacking
         force = limited(grown, parameters.max_disturbance)
     feedback = m * parameters.k_v * share**KAPPA_POWER * lacking
-    return State(force), Terms(m * motion.x_d_ddot, feedback, force)
+    return State(force), Terms(m * motion.x_d_ddot, feedback, force + motion.d_hat)

@@ -71,10 +71,13 @@ class Competitor:
 
 def _rival(
     title: str, law: str, compensator: str, depth: Values, place: Values, *, gains: bool = True
-) -> Competitor:
+) -> dict[str, Competitor]:
+    """Return the law with a d̂ that stays, and with the predicted one."""
     own = [{f"laws.{law}_{of}.{key}": value for key, value in starts.items()}
            for of, starts in (("depth", depth), ("place", place))]  # fmt: skip
-    return Competitor(title, law, compensator, gains, *own)
+    predicted = Competitor(f"{title} + prediction", law, registry.PREDICTED, gains, *own)
+    constant = title + (f" + {compensator}" if compensator != registry.NONE else "")
+    return {law: Competitor(constant, law, compensator, gains, *own), f"{law}_predicted": predicted}
 
 
 RIVALS = ("ppi", "indi", "mpc")
@@ -88,8 +91,8 @@ COMPETITORS: Mapping[str, Competitor] = {
     ),  # searched with the others' width and budget on 2026-11-25 (`holdfast lab tune alt_hold`, 65e8a66)
     "law": Competitor("law", compensator="none"),
     **{name: Competitor(f"law + {name}", compensator=name) for name in ("integrator", "network", "observer")},
-    "holdfast": Competitor("searched anew"),
-    "ppi": _rival(
+    "holdfast": Competitor("law + prediction"),
+    **_rival(
         "P-PI",
         "ppi",
         "none",
@@ -97,9 +100,9 @@ COMPETITORS: Mapping[str, Competitor] = {
         {"k_p": 1.5, "k_v": 4.0, "k_i": 2.0},
         gains=False,
     ),
-    "indi": _rival("INDI", "indi", "none", {"omega": 6.0}, {"omega": 3.0}),
-    "mpc": _rival(
-        "MPC + observer",
+    **_rival("INDI", "indi", "none", {"omega": 6.0}, {"omega": 3.0}),
+    **_rival(
+        "MPC",
         "mpc",
         "observer",
         {"rate_s": 0.1, "change_mm_per_n": 0.3},
@@ -131,6 +134,11 @@ def selected(names: Sequence[str], config: Config) -> dict[str, Competitor]:
     return {name: row for name, row in every.items() if name in names}
 
 
+def steered(row: Competitor, config: Config, found: Values) -> list[str]:
+    """Return the settings of depth and place with what a search found; none for the shipped default."""
+    return [text for place in (False, True) for text in row.overrides(config, found, place=place)]
+
+
 def knobs_of(config: Config, compensator: str) -> dict[str, float]:
     """Return what a search may turn of a configuration's heave with this compensator."""
     heave = config.heave
@@ -141,7 +149,8 @@ def knobs_of(config: Config, compensator: str) -> dict[str, float]:
         "thrusters.lead_s": config.thrusters.lead_s,
         "delays.gains_bear_s": config.delays.gains_bear_s,
     }
-    if registry.learner(compensator, registry.compensators(config.compensators)):
+    learner = registry.learner(compensator, registry.compensators(config.compensators))
+    if learner and compensator != registry.PREDICTED:
         knobs["heave.learning_rate"] = heave.learning_rate
     return knobs
 

@@ -4,41 +4,31 @@ Each vehicle runs in each sea with d̂ as the observer has it, and as the networ
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
-from itertools import product
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
 
-from companion.config import AxisSection, load_config
+from companion.config import AxisSection
 from companion.records import Z
 from lab import style
-from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import Step
 from lab.options import add_bench
-from lab.studies.reality import COUNTS_S, ENDS_S, SCENARIOS
-from lab.study import Row, Study, by, known
+from lab.studies.reality import SCENARIOS, RealDive, Reality
+from lab.study import Row, by
 
 COMPENSATORS = ("observer", "network+observer")
-AXES = ("surge", "sway", "heave", "yaw")
-FIRST_SEED = 9501
 SHOWN_S = (60.0, 75.0)
 FIGURES = {"depth_sd_mm": "depth SD, mm", "believed_rms_mm": "place without the DVL's drift, mm"}
 
 
-class PredictedDive(NamedTuple):
-    """One dive."""
+class Prediction(Reality):
+    """Scenarios of `bench reality` with and without the prediction."""
 
-    water: str
-    compensator: str
-    seed: int
-
-
-class Prediction(Study[PredictedDive]):
-    """Every scenario of `bench reality` with and without the prediction."""
-
+    sets = tuple(f"{axis}.compensator" for axis in ("surge", "sway", "heave", "yaw"))
+    first_seed = 9501
     command = "lab bench prediction"
     about = "Compares d̂ as the observer has it with d̂ as the network predicts it. A row is a compensator."
 
@@ -48,41 +38,14 @@ class Prediction(Study[PredictedDive]):
         waters = ["delay-waves", "tank-waves-late", "osl-waves", "osl-place", "rough"]
         parser.set_defaults(seeds=6, rows=[*COMPENSATORS], scenarios=waters)
 
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        known(arguments.scenarios, SCENARIOS, "scenario")
-        self._cases = [
-            PredictedDive(*each)
-            for each in product(
-                arguments.scenarios, arguments.rows, range(FIRST_SEED, FIRST_SEED + arguments.seeds)
-            )
-        ]
-        self._firmware: Path | None = arguments.firmware
-        self._set: Sequence[str] = arguments.set
-
-    def cases(self) -> Sequence[PredictedDive]:
-        return self._cases
-
-    def dive(self, cases: Sequence[PredictedDive]) -> Iterator[Row]:
-        for case in cases:
-            there = SCENARIOS[case.water](case.seed)
-            chosen = [f'{axis}.compensator="{case.compensator}"' for axis in AXES]
-            config = load_config(overrides=[*chosen, *self._set])
-            start = there.target(0.0)
-            with engaging(
-                config, there.plant, start, case.seed, there.link, self._firmware, surveyed=True
-            ) as loop:
-                steps = list(loop.run(ENDS_S, there.target))
-            figures = recorded(steps).within(COUNTS_S, np.inf).figures()
-            row = {key: figures[key] for key in FIGURES}
-            if not there.plant.sensors.dvl:
-                row["believed_rms_mm"] = np.nan
-            yield row | {"trace": _trace(steps, config.heave)}
+    def judged(self, case: RealDive, steps: Sequence[Step]) -> Row:
+        return super().judged(case, steps) | {"trace": _trace(steps, self._configs[case.preset].heave)}
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         lines = []
         for (water,), some in by(rows, "water").items():
             means = {
-                key: [np.mean([row[key] for row in each]) for each in by(some, "compensator").values()]
+                key: [np.mean([row[key] for row in each]) for each in by(some, "preset").values()]
                 for key in FIGURES
             }
             lines.append([water, *(" → ".join(f"{mean:.1f}" for mean in means[key]) for key in FIGURES)])
@@ -91,8 +54,8 @@ class Prediction(Study[PredictedDive]):
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
         with plt.rc_context(style.PRINTED):
             figure, panel = plt.subplots(figsize=(9.0, 3.4))
-        last = rows[-1]["compensator"]
-        trace = next(row["trace"] for row in rows if row["compensator"] == last)
+        last = rows[-1]["preset"]
+        trace = next(row["trace"] for row in rows if row["preset"] == last)
         t_s, true, observed, predicted = trace
         panel.plot(t_s, true, color=style.BLACK, label="true disturbance")
         panel.plot(t_s, observed, color=style.ORANGE, label="the observer's, when the thrust acts")

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -88,6 +88,9 @@ class RealDive(NamedTuple):
 class Reality(Study[RealDive]):
     """Every scenario with every preset and seed."""
 
+    sets: ClassVar[Sequence[str]] = ("vehicle.preset",)
+    """The keys of the configuration that are a row's name."""
+    first_seed: ClassVar[int] = FIRST_SEED
     command = "lab bench reality"
     about = (
         "Holds vehicles between the published models and a real one, in four degrees of freedom at once; "
@@ -103,11 +106,11 @@ class Reality(Study[RealDive]):
     def __init__(self, arguments: argparse.Namespace) -> None:
         known(arguments.scenarios, SCENARIOS, "scenario")
         self._scenarios: Sequence[str] = arguments.scenarios
-        self._seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
+        self._seeds = range(self.first_seed, self.first_seed + arguments.seeds)
         self._firmware: Path | None = arguments.firmware
         self._configs = {
-            preset: load_config(overrides=[f"vehicle.preset={preset}", *arguments.set])
-            for preset in arguments.rows
+            row: load_config(overrides=[*(f"{key}={row!r}" for key in self.sets), *arguments.set])
+            for row in arguments.rows
         }
 
     def cases(self) -> Sequence[RealDive]:
@@ -124,14 +127,18 @@ class Reality(Study[RealDive]):
 
     def dive(self, cases: Sequence[RealDive]) -> Iterator[Row]:
         for case in cases:
-            dived = recorded(self.ticks(case))
-            counted = dived.within(COUNTS_S, math.inf)
-            figures = counted.figures()
-            if not SCENARIOS[case.water](case.seed).plant.sensors.dvl:
-                figures["place_rms_mm"] = figures["believed_rms_mm"] = NO
-            turned_over = math.degrees(float(dived.tilt.max())) > TURNED_OVER_DEG
-            outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
-            yield {key: figures[key] for key in FIGURES} | {"outcome": outcome}
+            yield self.judged(case, self.ticks(case))
+
+    def judged(self, case: RealDive, steps: Sequence[Step]) -> Row:
+        """Return the figures of a dive."""
+        dived = recorded(steps)
+        counted = dived.within(COUNTS_S, math.inf)
+        figures = counted.figures()
+        if not SCENARIOS[case.water](case.seed).plant.sensors.dvl:
+            figures["place_rms_mm"] = figures["believed_rms_mm"] = NO
+        turned_over = math.degrees(float(dived.tilt.max())) > TURNED_OVER_DEG
+        outcome = TURNED_OVER if turned_over else HELD if counted.held else GIVEN_UP
+        return {key: figures[key] for key in FIGURES} | {"outcome": outcome}
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         keys, lines = _measured(rows, FIGURES), []

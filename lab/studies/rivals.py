@@ -13,18 +13,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.config import Config, load_config
+from companion.config import load_config
 from holdfast import RefusedError
 from lab.loop.scenarios import positioned
 from lab.options import add_bench, seeds_of
-from lab.studies.competitors import COMPETITORS, DEFAULT, Competitor, tuned
+from lab.studies.competitors import COMPETITORS, DEFAULT, RIVALS, steered, tuned
 from lab.studies.reality import COUNTS_S, ENDS_S, FIRST_SEED
 from lab.studies.statistics import interval
 from lab.studies.vehicles import hold, rough
 from lab.study import Row, Study, by, known
 
-ROWS = (DEFAULT, "holdfast", "observer", "ppi", "indi", "mpc")
-"""Those that were searched in depth and place, and what is shipped."""
+LAWS = ("holdfast", "observer", *(f"{law}{how}" for law in RIVALS for how in ("", "_predicted")))
+ROWS = (DEFAULT, *LAWS)
+"""What is shipped, and the laws that were searched in depth and place."""
 
 
 class RivalDive(NamedTuple):
@@ -32,11 +33,6 @@ class RivalDive(NamedTuple):
 
     row: str
     seed: int
-
-
-def steered(row: Competitor, config: Config, found: dict[str, float]) -> list[str]:
-    """Return the settings of depth and place with what the search found; none for the shipped default."""
-    return [text for place in (False, True) for text in row.overrides(config, found, place=place)]
 
 
 class Rivals(Study[RivalDive]):

@@ -1,7 +1,9 @@
 """One search for every row: CMA-ES over the logarithms of its knobs, on training seeds.
 
 What counts is the mean RMS of the depth, or of the place (mm), and CHATTER_PRICE for each newton that the
-command moves by more than CHATTER_N a tick (RMS). All candidates of a generation dive at once (`lab.batch`).
+command moves by more than CHATTER_N a tick (RMS). Rows of the benches are searched at equal chatter: they pay
+EQUAL_PRICE for each newton that the mean of these dives has more than with the shipped default. All
+candidates of a generation dive at once (`lab.batch`).
 
 Vehicles near one's own dive the four scenarios, shortened to TRAINING_S, and meet the four CASES in turn:
 half of them 40 ms more delay each way, which is measured as in the full loop, half of them 15 % more thrust
@@ -33,6 +35,7 @@ EVALUATIONS = 150
 GENERATION = 10
 CHATTER_N = 3.5
 CHATTER_PRICE = 2.0
+EQUAL_PRICE = 20.0
 LOST_MM = 1000.0
 FAST_AFTER_S = 12.0
 """The shortened trajectory starts this long before the paper's path gives way to the fast one."""
@@ -53,11 +56,15 @@ Training = Sequence[tuple[Scenario, TrainingCase]]
 
 
 class Stage(NamedTuple):
-    """What a search turns: knobs and their starts; `place`: it judges the place, not the depth."""
+    """What a search turns: knobs and their starts; `place`: it judges the place, not the depth.
+
+    `chatter_n`: the mean of all dives that costs nothing, instead of CHATTER_N in each.
+    """
 
     knobs: Mapping[str, float]
     settings: Sequence[str] = ()
     place: bool = False
+    chatter_n: float | None = None
 
     def overrides(self, values: Mapping[str, float]) -> list[str]:
         """Return what sets a configuration so."""
@@ -120,33 +127,46 @@ def scores(
     dives: Training,
 ) -> list[float]:
     """Return the score of each set of values, mm; one that the companion would refuse counts as lost."""
-    from lab.batch.simulate import simulate
-
     configs = [_configured(load, stage.overrides(value)) for value in values]
     sound = [config for config in configs if config is not None]
     found = np.full(len(values), LOST_MM)
     if not sound:
         return found.tolist()
+    error_mm, chatter_n = _dived(sound, base, dives, stage.place)
+    if stage.chatter_n is None:
+        price = CHATTER_PRICE * np.maximum(chatter_n - CHATTER_N, 0.0).mean(1)
+    else:
+        price = EQUAL_PRICE * np.maximum(chatter_n.mean(1) - stage.chatter_n, 0.0)
+    found[[config is not None for config in configs]] = error_mm.mean(1) + price
+    return found.tolist()
+
+
+def mean_chatter_n(config: Config, base: SimConfig, dives: Training, *, place: bool) -> float:
+    """Return a configuration's chatter in the mean of all dives."""
+    return float(_dived([config], base, dives, place)[1].mean())
+
+
+def _dived(configs: Sequence[Config], base: SimConfig, dives: Training, place: bool) -> tuple[Array, Array]:
+    """Return error (mm; LOST_MM where lost) and chatter (N) of each configuration in each dive."""
+    from lab.batch.simulate import simulate
+
     scenarios, cases = zip(*dives, strict=True)
     plants = [_stronger(one.plant(base, one.seed), case.thrust) for one, case in dives]
-    longer_s, hidden_s, _ = np.array([*cases] * len(sound)).T
+    longer_s, hidden_s, _ = np.array([*cases] * len(configs)).T
     duration_s, link = scenarios[0].duration_s, LinkDelay()
     figures = simulate(
-        [config for config in sound for _ in dives],
-        [positioned(plant) if stage.place else plant for plant in plants] * len(sound),
-        [one.target for one in scenarios] * len(sound),
+        [config for config in configs for _ in dives],
+        [positioned(plant) if place else plant for plant in plants] * len(configs),
+        [one.target for one in scenarios] * len(configs),
         duration_s,
-        [one.seed for one in scenarios] * len(sound),
+        [one.seed for one in scenarios] * len(configs),
         Links(link.up_s + longer_s + hidden_s, link.down_s + longer_s, untold_up_s=hidden_s),
         since_s=duration_s - TRAINING_S,
     )
-    rms, chatter_n = ("place_rms_mm", "place_chatter_n") if stage.place else ("depth_rms_mm", "chatter_n")
-    price = CHATTER_PRICE * np.maximum(figures[chatter_n] - CHATTER_N, 0.0)
+    rms, chatter_n = ("place_rms_mm", "place_chatter_n") if place else ("depth_rms_mm", "chatter_n")
     held = np.isnan(figures["lost_s"]) & ~np.isnan(figures[rms])
-    found[[config is not None for config in configs]] = (
-        np.where(held, figures[rms] + price, LOST_MM).reshape(len(sound), -1).mean(1)
-    )
-    return found.tolist()
+    error_mm, of_held_n = np.where(held, figures[rms], LOST_MM), np.where(held, figures[chatter_n], 0.0)
+    return error_mm.reshape(len(configs), -1), of_held_n.reshape(len(configs), -1)
 
 
 def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str]) -> Config | None:

@@ -22,6 +22,7 @@ from lab.studies.competitors import (
     Competitor,
     competitors,
     selected,
+    steered,
 )
 from lab.studies.own_vehicle import around, nominal, vehicle_beside, write_config
 from lab.studies.search import (
@@ -29,6 +30,7 @@ from lab.studies.search import (
     TRAINING_SEEDS,
     Stage,
     Training,
+    mean_chatter_n,
     search,
     training,
     training_of_reality,
@@ -107,14 +109,17 @@ class Tune(Study[Search]):
     def dive(self, cases: Sequence[Search]) -> Iterator[Row]:
         dives: Training = training(self._seeds, around) if self._own else training_of_reality(self._seeds)
         for case in cases:
-            row, values, scores, fixed = self._rows[case.row], dict[str, float](), list[float](), list[str]()
+            row, values, scores = self._rows[case.row], dict[str, float](), list[float]()
+            fixed = steered(row, self._config, {})
             for place in self._halves:
-                stage = Stage(row.knobs(self._config, place=place), row.settings(place=place), place)
+                knobs, settings = row.knobs(self._config, place=place), row.settings(place=place)
+                equal_n = None if self._own else mean_chatter_n(self._config, self._plant, dives, place=place)
+                stage = Stage(knobs, settings, place, equal_n)
                 load = partial(self._with, fixed)
                 found = search(
                     stage, load, self._plant, dives, evaluations=self._evaluations, done=self.advance
                 )
-                fixed = stage.overrides(found.values)
+                fixed += stage.overrides(found.values)
                 values, scores = values | found.values, [*scores, found.start_score, found.score]
             yield {"values": values, "scores": scores, "evaluations": found.evaluations}
 

@@ -24,13 +24,14 @@ from lab.studies.competitors import (
     TUNED_FILE,
     competitors,
     place_knobs_of,
+    steered,
     tuned,
     written,
 )
 from lab.studies.dives import FIGURES, LINKS, SCENARIOS, Dives
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.reality import FIRST_SEED as FIRST_REAL_SEED
-from lab.studies.rivals import Rivals, steered
+from lab.studies.rivals import Rivals
 from lab.studies.search import SearchResult, Stage, scores, search, training, training_of_reality
 from lab.studies.statistics import interval, student
 from lab.study import Row, Study, by, parser_of
@@ -40,7 +41,6 @@ from sim_bridge.config import load_config as load_plant
 CONFIG = load_config()
 BASE = load_plant(DEFAULT_CONFIG)
 SIX_THRUSTERS = load_plant(DEFAULT_CONFIG.parent / "sim-bluerov2.toml")
-STEERED = {name: row for name, row in COMPETITORS.items() if row.autopilot is None}
 
 
 def test_intervals_are_students_and_cover_the_truth_as_often_as_they_say() -> None:
@@ -105,7 +105,7 @@ def test_no_search_sees_a_seed_of_a_bench() -> None:
     assert min(case.seed for case in study(Rivals).cases()) == FIRST_REAL_SEED
 
 
-@pytest.mark.parametrize("name", STEERED)
+@pytest.mark.parametrize("name", [name for name, row in COMPETITORS.items() if row.autopilot is None])
 def test_every_row_can_take_off_as_it_was_found_and_where_a_search_begins(name: str) -> None:
     row, found = COMPETITORS[name], tuned().get(name, {})
     for place in (False, True):
@@ -129,9 +129,10 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
 
 
 def test_a_rival_steers_depth_and_place_and_the_default_is_what_is_shipped() -> None:
-    config = configured(steered(COMPETITORS["indi"], CONFIG, tuned()["indi"]))
-    assert (config.heave.law, config.surge.law, config.sway.law) == ("indi_depth", "indi_place", "indi_place")
-    assert (config.yaw.law, config.heave.compensator) == ("lyapunov", "none")
+    for row, compensator in (("indi", "none"), ("indi_predicted", "network+observer")):
+        config = configured(steered(COMPETITORS[row], CONFIG, tuned()["indi"]))
+        assert (config.heave.law, config.surge.law, config.sway.law) == ("indi_depth", *["indi_place"] * 2)
+        assert (config.yaw.law, config.heave.compensator) == ("lyapunov", compensator)
     assert steered(COMPETITORS[DEFAULT], CONFIG, {}) == []
 
 
@@ -182,11 +183,12 @@ def test_a_search_turns_the_depth_of_each_row_and_then_its_place(monkeypatch: py
         return SearchResult({key: 1.5 * start for key, start in stage.knobs.items()}, 3.0, 4.0, 10)
 
     monkeypatch.setattr(tune, "search", stand_in)
+    monkeypatch.setattr(tune, "mean_chatter_n", lambda *_, **__: 2.0)
     arguments = parser_of(tune.Tune).parse_args(["indi"])
     arguments.command = "holdfast lab tune"
     found = tune.Tune(arguments)
     (row,) = found.dive(found.cases())
-    assert judged == [(False, None), (True, 9.0)]
+    assert judged == [(False, 6.0), (True, 9.0)]
     assert row["scores"] == [4.0, 3.0, 4.0, 3.0]
     assert set(row["values"]) == set(tuned()["indi"])
     text = tune.tuned_text({"seeds": 1}, [{"row": "indi"} | row])
@@ -224,15 +226,6 @@ def test_own_vehicles_config_may_be_short_or_saved_by_windows(tmp_path: Path, te
     (source := tmp_path / "short.toml").write_text(text, encoding="utf-8")
     write_config(source, vehicle_of(CONFIG), {"heave.kappa_per_s": 7.25}, tmp_path / "mine.toml")
     assert load_config(tmp_path / "mine.toml").heave.kappa_per_s == 7.25
-
-
-def test_without_a_firmware_the_command_says_what_to_set(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("HOLDFAST_ARDUSUB", raising=False)
-    for arguments in (["firmware"], ["dives", "--firmware"]):
-        assert main(["lab", "bench", *arguments]) == 2
-        assert "set HOLDFAST_ARDUSUB" in capsys.readouterr().err
 
 
 def test_published_vehicles_are_within_the_ranges() -> None:

@@ -35,16 +35,16 @@ class Held:
         return terms
 
 
-def motion(e=0.0, e_dot=0.0, share=1.0, free=True):
+def motion(e=0.0, e_dot=0.0, share=1.0, free=True, d_hat=0.0):
     lam, kappa = 3.0 * share**0.6, 8.0 * share**1.4
-    return Motion(e, e_dot, e_dot, 0.0, MASS_KG, 0.0, 0.0, lam, kappa, share, free)
+    return Motion(e, e_dot, e_dot, 0.0, MASS_KG, 0.0, d_hat, lam, kappa, share, free)
 
 
-def pushed(law, force_n, seconds, start_m=0.0):
+def pushed(law, force_n, seconds, believed_n):
     """A mass under `force_n` with thrusters of 0.15 s lag, held by `law`: its place and d_hat at the end."""
-    z, w, f = start_m, 0.0, 0.0
+    z, w, f = 0.1, 0.0, 0.0
     for _ in range(round(seconds / DT_S)):
-        terms = law.step(motion(z, w))
+        terms = law.step(motion(z, w, d_hat=-believed_n))
         for _ in range(10):
             f += (sum(terms) - f) * 0.1 * DT_S / 0.15
             w += 0.1 * DT_S * (f + force_n) / MASS_KG
@@ -52,11 +52,18 @@ def pushed(law, force_n, seconds, start_m=0.0):
     return z, terms.d_hat
 
 
+@pytest.mark.parametrize("believed_n", [0.0, 8.0])
 @pytest.mark.parametrize("name", LAWS)
-def test_a_constant_force_is_found_and_held(name):
-    place_m, d_hat_n = pushed(Held(name), 10.0, 30.0, start_m=0.1)
+def test_a_constant_force_is_found_and_held_also_where_another_is_believed(name, believed_n):
+    place_m, d_hat_n = pushed(Held(name), 10.0, 30.0, believed_n)
     assert abs(place_m) < 2e-3
     assert d_hat_n == pytest.approx(-10.0, abs=0.6)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_predicted_disturbance_is_cancelled_at_once(name):
+    law = Held(name)
+    assert [sum(law.step(motion(d_hat=d_n))) for d_n in (0.0, -8.0)] == pytest.approx([0.0, -8.0], abs=1.0)
 
 
 @pytest.mark.parametrize("name", LAWS)
