@@ -20,7 +20,7 @@ from companion.core.law import ChosenLaw
 from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
 from companion.core.observers import Observers
 from companion.core.positioning import Model
-from companion.core.schedule import D_HAT_TOLERATED_S, Gains, scheduled
+from companion.core.schedule import Gains, scheduled
 from companion.core.tick import Parameters
 from companion.core.tilt import (
     ALARM_RAD,
@@ -87,9 +87,8 @@ def tilt_limit(config: Config) -> TiltLimit:
 
 
 def gains(config: Config, axis: AxisSection) -> Gains:
-    """Return λ and κ of an axis, and the delays that they and d̂ tolerate."""
-    d_hat_tolerated_s = D_HAT_TOLERATED_S + config.thrusters.lag_s
-    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s, d_hat_tolerated_s)
+    """Return λ and κ of an axis, and the delay that they tolerate."""
+    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s)
 
 
 def estimator(config: Config) -> Estimator:
@@ -204,7 +203,7 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     """Return for each axis the times that have to exceed what is late, by what they are."""
     laws, settling = [], []
     for axis in config.axes:
-        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0, config.thrusters.lag_s)
+        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0)
         K = compensator(config, axis)[1] if axis.law == LYAPUNOV else 0.0
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
         settling.append(axis.mass * kappa / (K * learning_scale) if K > 0.0 else math.inf)

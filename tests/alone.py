@@ -42,8 +42,6 @@ class Law:
             predictor.NONE,
             s.delays.total_s,
             s.model.dof_gain,
-            s.model.dof_later_s,
-            s.model.longest_lag_s,
         )
         self.target = target
         full = verdict.authority >= 1.0
@@ -115,7 +113,7 @@ class Learner:
         shown = [observers.NOTHING_SHOWN] * 4
         shown[dof] = model_learner.Shown(Push(*push), Sample(*sample), math.nan)
         self.memory = model_learner.learnt(
-            self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, self.lag_s, push[3]
+            self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, push[3]
         )
 
     @property

@@ -69,9 +69,6 @@ class Ahead(NamedTuple):
     delay_s: float
     """Of the whole loop."""
     gain: Vector
-    later_s: Vector
-    """Delay that the thrusters' lag counts for."""
-    longest_lag_s: float
 
 
 class Orders(NamedTuple):
@@ -130,8 +127,7 @@ def aim(
         return memory.reference, NO_GAINS
     there = reference.ahead(target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i], ahead.ahead_s)
     desired = reference.step(axis.reference, memory.reference, *there, orders.pace[i], dt_s)
-    delay_s, scale = ahead.delay_s + ahead.later_s[i], memory.oscillation.gain_scale
-    return desired, scheduled(axis.gains, delay_s, scale, ahead.longest_lag_s)
+    return desired, scheduled(axis.gains, ahead.delay_s, memory.oscillation.gain_scale)
 
 
 def step(
@@ -214,7 +210,7 @@ def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s:
     """Look for an oscillation of the loop's own."""
     if not at.orders.watched:
         return memory.oscillation
-    believed_s = at.ahead.delay_s + at.ahead.later_s[i] + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
+    believed_s = at.ahead.delay_s + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
     # A weak vehicle is asked for more, to move as much: that is no oscillation.
     return oscillation.step(
         axis.oscillation, memory.oscillation, tau * min(at.gain[i], 1.0), dt_s, believed_s

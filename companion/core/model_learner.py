@@ -35,10 +35,6 @@ REPORT_TICKS = 10
 NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
 """Observers are looked up again where the model has moved further."""
 
-LAG_COUNTS = 0.3
-"""Share of the lag beyond the nominal one that counts as delay of the loop: the prediction makes up for the
-rest. Tuned on the vehicles of decision 12."""
-
 
 class Tables(NamedTuple):
     """Observers of one degree of freedom by gain and lag: those of the control, and the one in here."""
@@ -99,7 +95,7 @@ def start(tables: Four[Tables], lag_s: float) -> LearnerMemory:
         states=(state, state, state, state),
         schedule=looked_up(tables, used, (1.0, 0.0)),
         ticks=0,
-        model=_model(found, used, used, lag_s, lag_s),
+        model=_model(found, used, used),
     )
 
 
@@ -161,7 +157,6 @@ def learnt(
     shown: Four[Shown],
     learns: Flags,
     adapts: bool,
-    nominal_lag_s: float,
     dt_s: float,
 ) -> LearnerMemory:
     """Learn from what all degrees of freedom show in this tick, axis by axis where `learns`."""
@@ -182,8 +177,7 @@ def learnt(
                 used[axis] = vehicle_model.follow(used[axis], found[axis])
     model, now_found, now_used = memory.model, vector(found), vector(used)
     if now_used != schedule.used or used[X] != used[Y] or ticks % REPORT_TICKS == 0:
-        longest_s = found[Z].theta.lag_s + vehicle_model.doubt(found[Z])[1] if adapts else nominal_lag_s
-        model = _model(now_found, now_used, by_dof(now_used, squares), nominal_lag_s, longest_s)
+        model = _model(now_found, now_used, by_dof(now_used, squares))
     return LearnerMemory(
         found=now_found,
         used=now_used,
@@ -221,18 +215,11 @@ def by_dof(thetas: Four[Theta], squares: tuple[float, float]) -> Four[Theta]:
     return (x, y, heave, yaw)
 
 
-def later_s(used: Theta, nominal_lag_s: float) -> float:
-    """Return the delay (s) for which gains are drawn back beside the loop's own."""
-    return LAG_COUNTS * (used.lag_s - nominal_lag_s) if used.lag_s > nominal_lag_s else 0.0
-
-
 def _gains(thetas: Four[Theta]) -> Vector:
     return vector([math.exp(theta.log_gain) for theta in thetas])
 
 
-def _model(
-    found: Four[Found], used: Four[Theta], at: Four[Theta], nominal_lag_s: float, longest_lag_s: float
-) -> VehicleModel:
+def _model(found: Four[Found], used: Four[Theta], at: Four[Theta]) -> VehicleModel:
     """Return what is in use, by axis and by degree of freedom (`at`), and what was found, as a record."""
     thetas, doubts = vector([one.theta for one in found]), each(vehicle_model.doubt, found)
     return VehicleModel(
@@ -243,6 +230,4 @@ def _model(
         log_gain_doubt=vector([gain for gain, _ in doubts]),
         lag_doubt_s=vector([lag for _, lag in doubts]),
         dof_gain=_gains(at),
-        dof_later_s=each(later_s, at, nominal_lag_s),
-        longest_lag_s=longest_lag_s,
     )

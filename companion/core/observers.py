@@ -221,7 +221,6 @@ def step(
         shown,
         inputs.learns,
         observers.adapts,
-        observers.lag_s,
         observers.tick_s,
     )
     return ObserversMemory(

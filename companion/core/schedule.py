@@ -14,16 +14,15 @@ LAMBDA_POWER, KAPPA_POWER = 0.6, 1.4
 LEAST_DELAY_S = 1e-3
 
 D_HAT_TOLERATED_S = 0.2
-"""Delay that d̂ tolerates beside the nominal lag: with more, a vehicle of less gain rings (docs/theory.md)."""
+"""Delay that d̂ tolerates: with more, a vehicle of less gain rings (docs/theory.md)."""
 
 
 class Gains(NamedTuple):
-    """λ and κ of one degree of freedom, and what they and d̂ tolerate: delay; delay and lag together (s)."""
+    """λ and κ of one degree of freedom, and the delay that they tolerate (s)."""
 
     lam: float
     kappa: float
     tolerated_s: float
-    d_hat_tolerated_s: float
 
 
 class ScheduledGains(NamedTuple):
@@ -41,11 +40,8 @@ class ScheduledGains(NamedTuple):
 NO_GAINS = ScheduledGains(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> ScheduledGains:
-    """Return what is left in a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves.
-
-    `lag_s` is the longest lag that the thrusters may have, as far as is known.
-    """
+def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> ScheduledGains:
+    """Return what is left in a loop that is `delay_s` late; `gain_scale` is what an oscillation leaves."""
     delay_s = LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s
     share = gain_scale * _share(gains.tolerated_s, delay_s)
     return ScheduledGains(
@@ -53,7 +49,7 @@ def scheduled(gains: Gains, delay_s: float, gain_scale: float, lag_s: float) -> 
         gains.kappa * share**KAPPA_POWER,
         share * share,
         share,
-        gain_scale * _share(gains.d_hat_tolerated_s, delay_s + lag_s),
+        gain_scale * _share(D_HAT_TOLERATED_S, delay_s),
     )
 
 

@@ -190,11 +190,9 @@ def known_of(
         predicted=motion.predicted,
         delay_s=delay_s,
         gain=model.dof_gain,
-        later_s=model.dof_later_s,
-        longest_lag_s=model.longest_lag_s,
     )
     response = Response(
-        delay_s=delay_s + model.dof_later_s[Z],
+        delay_s=delay_s,
         gain=levelling_gain(model) if adapts else 1.0,
         lag_s=model.lag_s[Z],
         adapts=adapts,

@@ -22,8 +22,9 @@ LEVEL_RAD, STEEP_RAD = math.radians(8.0), math.radians(20.0)
 YAW_LEVEL_RAD, YAW_STEEP_RAD = math.radians(40.0), math.radians(60.0)
 """The same for yaw, whose thrust stays level for longer."""
 
-ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(7.0), 0.6
-"""A tilt above it says that the force is too large for the vehicle; below CALM times it that this is over."""
+ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(12.0), 0.6
+"""A tilt above it says that the force is too large for the vehicle; below CALM times it that this is over.
+At 7° one that nobody levels let its place go in most seas; at 15° waves and a current tilted it by 40°."""
 
 CUT, MEMORY_S, LEAST_N = 0.6, 2.0, 1.0
 FAST_N_PER_S, SLOW_N_PER_S = 1.0, 0.05

@@ -56,8 +56,7 @@ class VehicleModel(NamedTuple):
 
     `gain` and `lag_s` are in use: force per command over inertia, relative to the nominal vehicle, and
     thruster lag. `found_*` is what was found, `log_gain_doubt` and `lag_doubt_s` its standard deviations.
-    `dof_gain` is the gain in use by DOF, NED; `dof_later_s` the delay that its lag counts for.
-    `longest_lag_s` is the longest lag that the thrusters may have.
+    `dof_gain` is the gain in use by DOF, NED.
     """
 
     gain: Vector
@@ -67,13 +66,11 @@ class VehicleModel(NamedTuple):
     log_gain_doubt: Vector
     lag_doubt_s: Vector
     dof_gain: Vector
-    dof_later_s: Vector
-    longest_lag_s: float
 
 
 ONES: Vector = (1.0, 1.0, 1.0, 1.0)
 LAGS: Vector = (0.15, 0.15, 0.15, 0.15)
-NOMINAL = VehicleModel(ONES, LAGS, ONES, LAGS, ZERO, ZERO, ONES, ZERO, LAGS[2])
+NOMINAL = VehicleModel(ONES, LAGS, ONES, LAGS, ZERO, ZERO, ONES)
 """The nominal vehicle, of which nothing was found."""
 
 

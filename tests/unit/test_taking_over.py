@@ -118,15 +118,15 @@ def test_a_degree_of_freedom_that_this_kind_did_not_serve_is_seeded():
 
 
 def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
-    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.1, d_hat_tolerated_s=0.35)
+    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.1)
     half = (4.0 * 0.5**0.6, 8.0 * 0.5**1.4, 0.25, 0.5)
-    assert scheduled(gains, 0.2, 1.0, 0.1) == pytest.approx((*half, 1.0))
-    assert scheduled(gains, 0.1, 0.5, 0.1) == pytest.approx((*half, 0.5))
-    assert scheduled(gains, 0.0, 1.0, 0.1) == pytest.approx((4.0, 8.0, 1.0, 1.0, 1.0))
-    assert np.isnan(scheduled(gains, np.nan, 1.0, 0.1)).all()
+    assert scheduled(gains, 0.2, 1.0) == pytest.approx((*half, 1.0))
+    assert scheduled(gains, 0.1, 0.5) == pytest.approx((*half, 0.5))
+    assert scheduled(gains, 0.0, 1.0) == pytest.approx((4.0, 8.0, 1.0, 1.0, 1.0))
+    assert np.isnan(scheduled(gains, np.nan, 1.0)).all()
 
 
-def test_a_lag_that_is_long_or_not_known_draws_back_the_disturbance_alone():
-    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.2, d_hat_tolerated_s=0.35)
-    assert scheduled(gains, 0.2, 1.0, 0.5) == pytest.approx((4.0, 8.0, 1.0, 1.0, 0.5))
-    assert scheduled(gains, 0.2, 0.8, 0.5).d_share == pytest.approx(0.4)
+def test_a_delay_that_the_gains_bear_draws_back_the_disturbance_alone():
+    gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.5)
+    assert scheduled(gains, 0.4, 1.0) == pytest.approx((4.0, 8.0, 1.0, 1.0, 0.5))
+    assert scheduled(gains, 0.4, 0.8).d_share == pytest.approx(0.4)

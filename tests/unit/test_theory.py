@@ -30,8 +30,7 @@ SENTENCES = (
     f"at least {1e3 * oscillation.EXPLAINED_S:g} ms longer than at the start",
     f"with λ + κ = {sum_per_s:.1f}/s in heave",
     f"λ decreases with the power {schedule.LAMBDA_POWER:g} and κ with the power {schedule.KAPPA_POWER:g}",
-    f"min(1, ({schedule.D_HAT_TOLERATED_S:g} s + T_n)/(delay + T + doubt of T))",
-    f"The doubt of T begins at {vehicle_model.PRIOR_LAG_S:g} s",
+    f"r = s · min(1, {schedule.D_HAT_TOLERATED_S:g} s/delay)",
     f"g stays within 1/{most_gain:g}..{most_gain:g}, T within {vehicle_model.LEAST_LAG_S:g}.."
     f"{vehicle_model.MOST_LAG_S:g} s",
     f"limited to 0..{1e3 * hidden_delay.LARGEST_S:g} ms and changes by at most "
