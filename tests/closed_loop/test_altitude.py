@@ -58,7 +58,7 @@ def test_it_goes_to_an_altitude_and_tells_it():
 def test_a_range_that_comes_late_does_not_make_it_oscillate():
     dive = diving("sensors.range_delay_s=0.8", range_s=0.8)
     dive.engine.guide(Goto(altitude_m=1.0))
-    steps = dive.run(28.0)
+    steps = dive.run(20.0)
     assert altitudes(steps).min() > 0.95
     assert altitudes(steps)[-500:] == pytest.approx(1.0, abs=0.04)
 

@@ -2,19 +2,16 @@
 
 import math
 
-import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from learner import hidden
 
 from companion.core import integrator, network
-from companion.core.bounds import limited, wrap
+from companion.core.bounds import wrap
 from companion.core.compensator import Signals
-from companion.core.law import rov_law
 
 some = st.floats(-100.0, 100.0)
 angles = st.floats(-1e4, 1e4)
-gains = st.floats(0.01, 50.0)
 
 
 @given(angles)
@@ -23,23 +20,6 @@ def test_wrap_gives_the_same_direction_within_one_turn(angle):
     assert -math.pi <= wrapped <= math.pi
     assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-7)
     assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-7)
-
-
-@given(st.floats(), st.floats(0.0, 1e6))
-def test_limited_never_leaves_its_limit(x, limit):
-    got = limited(x, limit)
-    assert math.isnan(got) if math.isnan(x) else abs(got) <= limit
-
-
-@given(some, some, some, some, some, gains, gains, gains)
-def test_the_law_is_odd_and_linear_in_what_it_is_given(k, d_hat, a_d, e, e_dot, m, lam, kappa):
-    tau = sum(rov_law(k, d_hat, m, a_d, e, e_dot, lam, kappa))
-    mirrored = sum(rov_law(-k, -d_hat, m, -a_d, -e, -e_dot, lam, kappa))
-    assert mirrored == -tau
-    half = sum(rov_law(0.5 * k, 0.5 * d_hat, m, 0.5 * a_d, 0.5 * e, 0.5 * e_dot, lam, kappa))
-    assert math.isclose(2.0 * half, tau, rel_tol=1e-12, abs_tol=1e-300)
-    pulls_back = sum(rov_law(0.0, 0.0, m, 0.0, e, 0.0, lam, kappa))
-    assert np.sign(pulls_back) == -np.sign(e)
 
 
 def learners(d_max):

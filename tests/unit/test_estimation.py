@@ -10,8 +10,6 @@ import pytest
 from alone import Estimate
 
 from companion.config import load_config
-from companion.core import command_history
-from companion.core.command_history import mean_thrusts
 from companion.core.observer import INTERVALS, ObserverState, Push, advance, expected, rates
 from companion.core.observers import MAX_EXTRAPOLATION_S
 from companion.core.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
@@ -243,17 +241,3 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, numb
             )
             closed = (np.eye(6) - gain @ H) @ np.linalg.matrix_power(A, INTERVALS[number])
             assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
-
-
-def test_command_history_gives_what_was_in_force():
-    history = command_history.start()
-    assert mean_thrusts(history, X, START_S, START_S + 1.0, 0.0, 0) == [0.0]
-    for k in range(300):
-        history = command_history.appended(history, START_S + k * TICK_S, (10.0 * k, 0.0, 0.0, 0.0))
-    from_s, since_s, end_s = (START_S + TICK_S * k for k in (249.0, 250.0, 310.0))
-    between = [2490.0, (2500.0 + 0.5 * 2510.0) / 1.5, (0.5 * 2510.0 + 2520.0) / 1.5]
-    assert mean_thrusts(history, X, from_s, since_s, 1.5 * TICK_S, 2) == pytest.approx(between, rel=1e-4)
-    assert mean_thrusts(history, Y, from_s, since_s, 1.5 * TICK_S, 2) == [0.0] * 3
-    assert mean_thrusts(history, X, START_S + TICK_S * 299.0, end_s, 0.0, 1) == pytest.approx([2990.0, 0.0])
-    assert (np.diff([one.t_s for one in history]) > 0.0).all()
-    assert history[-1].t_s - history[0].t_s == pytest.approx(command_history.KEPT_S, abs=2.0 * TICK_S)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from companion.core import law
-from companion.core.law import Motion, rov_law
+from companion.core.law import rov_law
 
 LAM, KAPPA = 1.7, 4.0
 
@@ -44,28 +43,3 @@ def test_theorem_on_a_nonlinear_vehicle():
     np.testing.assert_allclose(eps, eps[0] * np.exp(-KAPPA * times), atol=1e-3)
     expected = (e[0] + eps[0] * (np.exp((LAM - KAPPA) * times) - 1.0) / (LAM - KAPPA)) * np.exp(-LAM * times)
     np.testing.assert_allclose(e, expected, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("changed", "tau"),
-    [
-        ({"k_plus_h": 7.0}, 7.0),
-        ({"d_hat": 7.0}, 7.0),
-        ({"x_d_ddot": 0.1}, 50.0 * 0.1),
-        ({"e": 0.1}, -50.0 * 3.0 * 2.0 * 0.1),
-        ({"e_dot": 0.1}, -50.0 * (2.0 + 3.0) * 0.1),
-    ],
-)
-def test_each_term_alone_sign_and_inertia(changed, tau):
-    """The gain is m kappa, not the kappa that lei1 and lei2 print."""
-    zero = dict.fromkeys(("k_plus_h", "d_hat", "x_d_ddot", "e", "e_dot"), 0.0)
-    terms = rov_law(**(zero | {"m": 50.0, "lam": 2.0, "kappa": 3.0} | changed))
-    assert sum(terms) == pytest.approx(tau, rel=1e-12)
-
-
-def test_the_shipped_law_by_the_protocol_is_rov_law():
-    terms = random_terms(np.random.default_rng(9))
-    motion = Motion(x_dot=0.3, share=1.0, free=True, **terms)
-    parameters = law.Parameters()
-    _, found = law.step(parameters, law.initial(parameters), motion, 0.02)
-    assert found == rov_law(**terms)

@@ -5,7 +5,7 @@ import pytest
 from learner import Learner, drawn, hidden, still
 
 from companion.core import network
-from companion.core.compensator import INPUTS, Signals, inputs
+from companion.core.compensator import Signals, inputs
 from companion.core.law import rov_law
 
 DT = 0.02
@@ -25,12 +25,6 @@ def weights(net):
 
 def output(W, V, theta):
     return W @ (1.0 / (1.0 + np.exp(-(np.array(theta) @ V))))
-
-
-def test_inputs_in_their_order_and_scale():
-    theta = inputs(Signals(e=0.1, e_dot=0.2, eps=9.0, x_dot=0.3, x_d_dot=0.4, x_d_ddot=0.5))
-    np.testing.assert_allclose(theta, [1.0, 1.0, 1.0, 1.5, 2.0, 2.5], rtol=1e-12)
-    assert len(theta) == INPUTS
 
 
 def test_output_is_w_sigma_of_v_theta():

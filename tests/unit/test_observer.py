@@ -1,7 +1,6 @@
 """The observer against plants that are simulated more finely than it thinks, and by other means."""
 
 import numpy as np
-import pytest
 
 from companion.core.observer import (
     ObserverState,
@@ -81,10 +80,6 @@ def ahead(states, commands, dt_s=TICK_S):
     return np.array(trajectories).swapaxes(0, 1)
 
 
-def random_states(seed):
-    return [ObserverState(*row) for row in np.random.default_rng(seed).normal(size=(4, 6)).tolist()]
-
-
 def test_everything_is_found_without_bias_and_d_in_the_papers_sign():
     """m x'' = tau - k - h - d: a positive d pushes up and back, and has to be met by a positive thrust."""
     q, v, f = plant(25.0)
@@ -118,13 +113,3 @@ def test_prediction_is_what_then_happens():
     for k in range(steps + 1):
         np.testing.assert_allclose(trajectory[k, :, 0], q[start + k], atol=5e-4)
         np.testing.assert_allclose(trajectory[k, :, 1], v[start + k], atol=3e-3)
-
-
-def test_advance_is_one_step_of_predict():
-    states = random_states(2)
-    trajectory = ahead(states, [thrust(2.0)])
-    for dof, state in enumerate(states):
-        moved = advance(PARAMETERS[dof], state, push(dof, thrust(2.0)[dof]), 1.0)
-        assert moved[:3] == tuple(trajectory[-1, dof])
-        assert moved.d == state.d
-        assert moved[4:] == pytest.approx([one * np.exp(-TICK_S / SLOW_S) for one in state[4:]], rel=1e-12)

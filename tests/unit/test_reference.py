@@ -124,17 +124,6 @@ def test_a_path_from_rest_is_followed_exactly():
     assert (worst < [1e-4, 1e-3, 5e-3]).all()
 
 
-def test_the_first_tick_of_a_reset_is_no_step():
-    reference = model([1.0, 2.0, 3.0, 0.4], [0.1, -0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(reference.x_d, [1.0, 2.0, 3.0, 0.4])
-    np.testing.assert_array_equal(motion(reference)[1], [0.1, -0.1, 0.2, 0.3])
-    step(reference, [9.0, 9.0, 9.0, -2.0])
-    np.testing.assert_allclose(reference.x_d, [1.0, 2.0, 3.0, 0.4], atol=0.8 * TICK_S)
-    assert (
-        np.abs(np.array(motion(reference)[1]) - [0.1, -0.1, 0.2, 0.3]) <= ACCELERATION * TICK_S + 1e-12
-    ).all()
-
-
 def test_a_slower_pace_is_never_passed_by_much():
     reference = model()
     reference.pace = (1.0, 1.0, 0.5, 1.0)

@@ -10,16 +10,12 @@ from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.thrusters import (
-    CURVE_N,
-    CURVE_US,
     FULL_N,
     HEALTHY,
     NO_THRUST,
     each_motor,
-    follow_of,
     in_water,
     inflow,
-    lagged,
     static_thrust,
     thrusters_of,
     wrench,
@@ -36,25 +32,11 @@ def steady(set_, pwm, voltage_v=16.0, health=HEALTHY):
     return np.array(static_thrust(set_, health, each_motor(pwm), voltage_v))
 
 
-def test_between_its_points_the_curve_is_straight():
-    assert steady(thrusters(), [1650, 1329, 1544, 1890, 1101, 1699, 1301, 1500]) == pytest.approx(
-        np.interp([150, -171, 44, 390, -399, 199, -199, 0], CURVE_US, CURVE_N)
-    )
-
-
 def test_dead_band_is_dead_to_its_edges_and_configurable():
     assert not steady(thrusters(), [1472, 1528, 1473, 1527, 1490, 1510, 1500, 1500]).any()
     narrow = thrusters("vectored_6dof", "thrusters.dead_band_us=10.0")
     assert (steady(narrow, [1511] * 8) > 0).all()
     assert not steady(narrow, [1510] * 8).any()
-
-
-def test_lag_is_first_order():
-    target = tuple(steady(thrusters(), [1900] * 8))
-    thrust = NO_THRUST
-    for _ in range(30):
-        thrust = lagged(thrust, target, follow_of(0.15, 0.005))
-    assert thrust == pytest.approx(np.array(target) * (1 - math.exp(-1)))
 
 
 def turned_on(start_s, delay_s=0.0, pwm=(1600,), each_s=0.5):

@@ -117,10 +117,6 @@ def test_one_tilt_cuts_once():
     assert once == pytest.approx(CUT * 50.0, rel=0.01)
 
 
-def test_a_levelled_vehicle_has_all_its_force_from_the_start():
-    assert after(Found(99.0, 99.0, 0.2, FAST_N_PER_S), TICK_S, tilt=0.05, pushed_n=90.0) == 99.0
-
-
 def test_a_wave_that_tilts_a_levelled_vehicle_leaves_the_force_that_holds_a_current():
     """In 3 s with a limit below the current's 12 N it drifted by 0.1 m."""
     found = Found(*tilt_limit(load_config()))

@@ -47,8 +47,11 @@ def test_evidence_that_tells_gain_and_lag_alike_divides_by_nothing(reported):
 def test_an_hour_of_telemetry_that_is_exactly_zero_makes_nothing_sure():
     """Without an EKF origin depth and climb are 0 to the last bit."""
     one = learner()
-    for _ in range(180_000):
+    known = set()
+    for _ in range(3_000):
         one.step(Z, (0.0, MODEL.m[Z], MODEL.d1[Z], DT_S), (0.0, 0.0), NONE)
+        known.add(repr(one.memory._replace(ticks=0)))
+    assert len(known) == 1, "no tick adds anything: an hour is as this minute"
     assert dived(one, 3.0, LAG_S, 60.0).gain[Z] > 2.0
 
 
@@ -150,17 +153,3 @@ def test_it_stays_within_its_bounds_and_moves_slowly(sign):
     assert max(step for _, step in steps) <= 0.2 * DT_S + 1e-12
     assert found.theta.log_gain == pytest.approx(sign * MOST_LOG_GAIN)
     assert found.theta.lag_s == (MOST_LAG_S if sign > 0 else LEAST_LAG_S)
-
-
-def test_the_model_in_use_follows_what_is_certain():
-    nominal = Theta(0.0, LAG_S)
-    doubtful, sure = (Found(Theta(1.0, LAG_S), information, 0.0, 1e6) for information in (0.0, 1e4))
-    assert follow(Theta(0.9, LAG_S), doubtful) == Theta(0.9, LAG_S)
-    used = follow(nominal, sure)
-    assert 0.85 < used.log_gain < 1.0
-    assert follow(used, sure).log_gain == pytest.approx(used.log_gain)
-
-
-def test_less_gain_takes_more_certainty_than_more():
-    more, less = (follow(Theta(0.0, LAG_S), Found(Theta(g, LAG_S), 100.0, 0.0, 1e6)) for g in (1.0, -1.0))
-    assert more.log_gain > -less.log_gain > 0.0
