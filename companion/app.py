@@ -25,8 +25,9 @@ from companion.guidance.drawing import drawing
 from companion.io.beside import Beside
 from companion.io.command_queue import COST, CommandQueue, EngineInput
 from companion.io.links import Admission, MavlinkLink
-from companion.io.process import NS_PER_S, Ticker, notify, on_ending_signal
+from companion.io.process import Ticker, notify, on_ending_signal
 from companion.io.zenoh_publisher import NameTakenError, Publisher
+from companion.mavlink.ardusub import NS_PER_S
 from companion.mavlink.inbox import MAX_LOOKS, Inbox
 from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
@@ -300,7 +301,7 @@ class App:
         self._beside.do("holding", lambda: self._engine.guide(SetPath(action="hold")))
         self._beside.do("the old gains", lambda: self._engine.retune(self._config))
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: BaseException | None) -> None:
         self._failure = error
         self._stop.set()
 
@@ -362,8 +363,7 @@ class App:
 
     def _link_ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled():
-            self._failure = task.exception()
-            self._stop.set()
+            self._fail(task.exception())
 
 
 def parting(*, steering: bool, silent: bool) -> str:

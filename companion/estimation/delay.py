@@ -17,11 +17,12 @@ from itertools import chain, repeat
 from operator import mul, sub
 
 from companion.core.bounds import clamped, limited
-from companion.estimation.clock import AutopilotClock
+from companion.estimation.clock import MAX_ROUND_TRIP_S, AutopilotClock
 from companion.records import ZERO, Delays, Vector
 
 TELEMETRY_MEMORY_S = 1.0
-MAX_DELAY_S = 1.0
+"""Chosen: a mean over 50 stamps at 50 Hz."""
+
 PAUSE_S = 0.1
 """What comes first after a longer pause was late with it: it counts for so long, and not for the pause."""
 
@@ -36,6 +37,8 @@ COMMAND_SPREAD_S = 0.05
 router and a tick may add."""
 
 ECHO_MEMORY_S = 4.0
+"""Chosen: a mean over 48 echoes, which come at 12 Hz (decision 4)."""
+
 EVIDENCE_S = 1.5
 """How long commands must have varied before an echo is believed."""
 
@@ -44,6 +47,8 @@ STALL_S = 0.5
 
 STEP_S = 0.005
 LAGS_S = tuple(STEP_S * k for k in range(-6, 82))
+"""-0.03 to 0.405 s: below zero for the error of the clock."""
+
 CONTRAST = 0.5
 """The best lag counts as found when it explains the echo this much better than the average lag does."""
 
@@ -85,7 +90,7 @@ class DelayMeter:
         late_s = self.clock.stamped(arrived_s, boot_s)
         if late_s is None:
             return
-        late_s = min(late_s, MAX_DELAY_S)
+        late_s = min(late_s, MAX_ROUND_TRIP_S)
         if self._telemetry_t_s is None:
             self.telemetry_s = late_s
         else:

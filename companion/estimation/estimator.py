@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from companion.config import Config, SupervisorLimits
 from companion.core import observer, observers
+from companion.core.actuation import NONE
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
 from companion.core.observers import MAX_GAP_S, Inputs, Motion, ObserversMemory
 from companion.core.positioning import Model
@@ -32,7 +33,6 @@ from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
     PSI,
-    ZERO,
     Ages,
     Current,
     Delays,
@@ -61,13 +61,11 @@ that may be ridden out, it is where the vehicle is."""
 ARMING_S = 0.5
 """So soon after arming the zero of depth is the autopilot's, which sets it then."""
 
-MIN_VOLTAGE_V, MAX_VOLTAGE_V = 10.0, 20.0
 MIN_COS_PITCH = 0.1
 
 
 NOTHING = (math.nan, math.nan)
 """No value, of no time."""
-NONE: Flags = (False, False, False, False)
 
 
 class Estimator:
@@ -187,12 +185,7 @@ class Estimator:
         )
 
     def update(
-        self,
-        inputs: Inputs,
-        motion: Motion,
-        model: VehicleModel,
-        dead_motor: int = 0,
-        delivered: Vector = ZERO,
+        self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int, delivered: Vector
     ) -> VehicleState:
         """Advance what finds ground, current and heading; return all that is known of the vehicle.
 
@@ -218,12 +211,7 @@ class Estimator:
             system_status=self._heartbeat.system_status,
             voltage_v=self._voltage_v,
             pilot_gain=self._gain,
-            ages=Ages(
-                depth_s=now_s - self._measured_t_s[Z],
-                attitude_s=now_s - attitude.t_s,
-                position_s=now_s - self._measured_t_s[X],
-                **{name: now_s - t_s for name, t_s in self._came_s.items()},
-            ),
+            ages=self._ages(now_s),
             delays=self._loop_delays,
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
@@ -236,6 +224,14 @@ class Estimator:
             ground=self._find_ground(inputs, motion.eta[Z]),
             current=self._find_current(inputs, motion, model),
             heading_check=self._check_heading(inputs, motion.eta[PSI], delivered, model, dead_motor == 0),
+        )
+
+    def _ages(self, now_s: float) -> Ages:
+        return Ages(
+            depth_s=now_s - self._measured_t_s[Z],
+            attitude_s=now_s - self._attitude.t_s,
+            position_s=now_s - self._measured_t_s[X],
+            **{name: now_s - t_s for name, t_s in self._came_s.items()},
         )
 
     def _find_ground(self, inputs: Inputs, depth_m: float) -> Ground:
@@ -296,7 +292,7 @@ class Estimator:
             case events.Heartbeat():
                 self._on_heartbeat(event)
             case events.Battery():
-                self._voltage_v = min(max(event.voltage_v, MIN_VOLTAGE_V), MAX_VOLTAGE_V)
+                self._voltage_v = min(max(event.voltage_v, 10.0), 20.0)  # a T200 takes 20 V at most
             case events.PilotGain():
                 self._gain = event.gain
             case events.Reboot():

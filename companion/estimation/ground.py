@@ -26,6 +26,8 @@ from typing import NamedTuple
 from companion.records import Ground, Range
 
 OMEGA_RADPS = 2.0
+"""These and what follows were chosen on the simulator's rangefinder and slopes (325ff984)."""
+
 JUMP_M = 0.5
 """A sample further from the filter than this is left out."""
 
@@ -169,12 +171,7 @@ class Grounds:
         self._chosen = -1
 
     def step(
-        self,
-        now_s: float,
-        ranges: Sequence[Range],
-        depth_m: float,
-        tilt_cos: float,
-        telemetry_s: float = 0.0,
+        self, now_s: float, ranges: Sequence[Range], depth_m: float, tilt_cos: float, telemetry_s: float = 0.0
     ) -> Ground:
         """Take the ranges that came, `telemetry_s` after they were sent; return the ground of the best.
 

@@ -34,6 +34,8 @@ from companion.records import HeadingCheck, Vector, VehicleModel
 
 GYRO_MEMORY_S = 120.0
 GYRO_REPORTED_RAD = math.radians(10.0)
+"""A bias of 0.08 °/s is reported, and less is not: 10° in 120 s."""
+
 GYRO_SCALE = 0.02
 """How well the gyro's scale is known."""
 
@@ -47,6 +49,8 @@ COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
 
 LEAST_COHERENCE = 0.05
 LEAST_RESPONSE = 0.5
+"""Chosen on stock eight-thruster vehicles in currents, whose heading was right (82e9337f)."""
+
 RETRIED_S = 30.0
 LASTS_S = 2.0
 GAP_S = 1.0
@@ -146,13 +150,14 @@ class HeadingWatch:
         ahead = cmath.exp(1j * heading)
         gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
         wanted = complex(gain_x * tau[0], gain_y * tau[1])
-        if self._velocity is None and cmath.isnan(velocity):
-            return
         nu = (velocity if self._velocity is None else self._velocity) / ahead
         braked = complex(
-            gain_x * _damping(nominal, 0, nu.real) * nu.real, gain_y * _damping(nominal, 1, nu.imag) * nu.imag
+            gain_x * (nominal.d1[0] + nominal.d2[0] * abs(nu.real)) * nu.real,
+            gain_y * (nominal.d1[1] + nominal.d2[1] * abs(nu.imag)) * nu.imag,
         )
         if self._velocity is None:  # it is taken for being in balance
+            if cmath.isnan(velocity):
+                return
             self._velocity, self._thrust = velocity, wanted
             self._moved, self._pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
             return
@@ -164,6 +169,10 @@ class HeadingWatch:
             self._compare(velocity)
         elif self._gap_s > GAP_S:
             self._rest_course()
+        self._judge(dt_s)
+
+    def _judge(self, dt_s: float) -> None:
+        """Count for how long the heading has surely been off."""
         off_rad = self._off_rad()
         self._reported_s = self._reported_s + dt_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
@@ -197,7 +206,3 @@ class HeadingWatch:
         self._vv = kept * self._vv + abs(v) ** 2 * self._gap_s
         self._uv = kept * self._uv + u.conjugate() * v * self._gap_s
         self._velocity, self._gap_s = velocity, 0.0
-
-
-def _damping(nominal: Model, axis: int, speed: float) -> float:
-    return nominal.d1[axis] + nominal.d2[axis] * abs(speed)

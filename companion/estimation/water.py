@@ -23,7 +23,11 @@ KEPT_S = 10.0
 """A current that was not measured for longer is unknown."""
 
 CORRELATED_S = 1.0
+"""Of what is no current; on a real BlueROV2 Heavy in a tank 0.6 to 0.8 s."""
+
 TETHER_N = 2.0
+"""As much as the simulated tether pulls with, 1 to 2 N."""
+
 DAMPING_SHARE = 0.2
 """Share of the velocity through the water that is in doubt, because the damping is."""
 
@@ -46,14 +50,7 @@ class Water:
         self._mean = _Mean()
         self._seen_s = self._unseen_s = 0.0
 
-    def step(
-        self,
-        model: Model,
-        motion: Motion,
-        gain: Vector,
-        dt_s: float,
-        seen: bool,
-    ) -> Current:
+    def step(self, model: Model, motion: Motion, gain: Vector, dt_s: float, seen: bool) -> Current:
         """Take a tick; `seen` tells that our commands alone push, and that x and y are measured.
 
         `gain` is the force per command over inertia, by DOF in NED.

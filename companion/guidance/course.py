@@ -5,13 +5,12 @@ from collections.abc import Sequence
 from typing import Self
 
 from companion.core.bounds import wrap
-from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.core.reference import State as ReferenceState
 from companion.estimation.frame import Offset
 from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight
 from companion.guidance.paths.shapes import Path
-from companion.guidance.paths.time_law import PathLimits, TimeLaw, profiled
+from companion.guidance.paths.time_law import REFERENCE_LAG_S, PathLimits, TimeLaw, profiled
 from companion.guidance.target import UNSET, from_here, known
 from companion.records import ZERO, Setpoint, Vector, chosen, vector
 from companion.steps import finish
@@ -32,10 +31,9 @@ def pace(reference_pace: Vector, distance_m: float) -> float:
 
 def braked(states: Sequence[ReferenceState], accelerations: Vector) -> Vector:
     """Return where a reference that moves comes to rest without going back."""
-    lag_s = RATE_LAG_S + ACCELERATION_LAG_S
     return vector(
         [
-            state.x_d + state.x_d_dot * (lag_s + 0.5 * abs(state.x_d_dot) / most)
+            state.x_d + state.x_d_dot * (REFERENCE_LAG_S + 0.5 * abs(state.x_d_dot) / most)
             for state, most in zip(states, accelerations, strict=True)
         ]
     )

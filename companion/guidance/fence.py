@@ -9,19 +9,17 @@ from typing import NamedTuple
 
 from companion.config import Config
 from companion.core.bounds import clamped, limited
-from companion.core.reference import ACCELERATION_LAG_S, RATE_LAG_S
 from companion.estimation.frame import Offset
 from companion.guidance.course import Course
 from companion.guidance.paths.shapes import Path
-from companion.guidance.paths.time_law import limits
+from companion.guidance.paths.time_law import REFERENCE_LAG_S, limits
 from companion.records import Setpoint, Vector, Z, vector
 
 Interval = tuple[float, float]
 MARGIN_M = 0.1
 """So that the vehicle stays inside: its reference overshoots by 2 cm, and it is off that by some more."""
 BRAKING_SHARE = 0.35
-"""Of an axis' acceleration, to stop before the fence with: the reference follows late (LAG_S)."""
-LAG_S = RATE_LAG_S + ACCELERATION_LAG_S
+"""Of an axis' acceleration, to stop before the fence with: the reference follows late (REFERENCE_LAG_S)."""
 
 
 class Fence(NamedTuple):
@@ -66,7 +64,8 @@ class Fence(NamedTuple):
                 room = max(high - eta[i] if rate[i] > 0.0 else eta[i] - low, 0.0)
                 a = BRAKING_SHARE * max_acceleration[i]
                 # The speed v that needs this room: v T + v²/(2 a).
-                slowed[i] = limited(rate[i], a * (math.hypot(LAG_S, math.sqrt(2.0 * room / a)) - LAG_S))
+                fastest = a * (math.hypot(REFERENCE_LAG_S, math.sqrt(2.0 * room / a)) - REFERENCE_LAG_S)
+                slowed[i] = limited(rate[i], fastest)
         return vector(slowed)
 
 

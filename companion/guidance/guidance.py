@@ -16,6 +16,7 @@ import math
 from collections.abc import Sequence
 
 from companion.config import Config
+from companion.core.actuation import NONE
 from companion.core.reference import Reference
 from companion.estimation.frame import Frame
 from companion.guidance import ground_station, operator
@@ -23,7 +24,7 @@ from companion.guidance.course import Course, pace
 from companion.guidance.fence import Bounds
 from companion.guidance.held import HORIZONTAL
 from companion.guidance.orders import Order
-from companion.guidance.pilot import NO_DEMAND, NONE, PilotDemand
+from companion.guidance.pilot import NO_DEMAND, PilotDemand
 from companion.guidance.reference_history import ReferenceHistory
 from companion.guidance.sources import Sources
 from companion.guidance.target import UNSET, placed

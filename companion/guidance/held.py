@@ -6,7 +6,7 @@ when the position was lost, a setpoint, a course.
 
 import math
 
-from companion.guidance.pilot import NONE
+from companion.core.actuation import NONE
 from companion.records import PSI, Flags, X, Y, Z, either, without
 
 HORIZONTAL: Flags = (True, True, False, False)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import msgspec
 
 from companion.config import Config
+from companion.core.actuation import NONE
 from companion.core.bounds import limited, wrap
 from companion.core.positioning import jacobian, to_body, to_inertial
 from companion.guidance.fence import Bounds
@@ -38,8 +39,6 @@ from companion.records import (
 
 STALE_S = 0.5
 """Sticks that came longer ago count as released."""
-
-NONE: Flags = (False, False, False, False)
 
 
 class PilotDemand(NamedTuple):

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-NS_PER_S = 1_000_000_000
+from companion.mavlink.ardusub import NS_PER_S
 
 STOPPING = {signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU}
 UNANSWERED = {

@@ -22,7 +22,9 @@ from companion.records import AxisCommand
 DepthSource: TypeAlias = Literal["relative_alt", "pressure"]
 ThrustPath: TypeAlias = Literal["rc_override", "manual_control"]
 
-NS_PER_S: Final = 1e9
+NS_PER_S: Final = 1_000_000_000
+READING_REPEATS_S: Final = 0.2
+"""A barometer's reading comes again so long at most: it gives ten a second, its stream more."""
 NEUTRAL_US: Final = 1500
 SPAN_US: Final = 400
 LEAVE_ALONE: Final = 0xFFFF

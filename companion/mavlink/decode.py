@@ -19,11 +19,13 @@ from companion.mavlink.ardusub import (
     NEUTRAL_US,
     PRESSURES,
     QUALITY_PARAMETER,
+    READING_REPEATS_S,
     SPAN_US,
     STICK,
     STICK_NEUTRAL_Z,
     DepthSource,
 )
+from companion.mavlink.freshness import MESSAGES
 from companion.mavlink.messages import CHUNK_CHARS, Message
 from companion.mavlink.pilot import override_deflection, pilot_commands
 from companion.records import Event, LinkCounters
@@ -37,18 +39,16 @@ MAX_PWM_US: Final = 3000
 MAX_VOLTAGE_V: Final = 1000.0
 MAX_ROUND_TRIP_S: Final = 5.0
 MAX_STAMP_SPREAD_S: Final = 10.0
-"""Beyond these nothing is said of a vehicle: deeper than the deepest trench, more than a turn."""
+"""Beyond these nothing is said of a vehicle: deeper than the deepest trench, more than a turn, quicker than
+a gyro measures, longer than a servo's pulse, older than any link keeps."""
 
-FAR_STAMPS: Final = 20
 WRAP_MS_S: Final = 2**32 / 1e3
 WRAP_US_S: Final = 2**32 / 1e6
 UNKNOWN_QUALITY, NO_SIGNAL, LEAST_QUALITY = 0, 1, 90.0
 """DISTANCE_SENSOR.signal_quality, up to 100; the least where RNGFND_SQ_MIN is missing: its default."""
 
 PA_PER_M: Final = 9800.0
-PA_PER_HPA: Final = 100.0
-PRESSURE_REPEAT_S: Final = 0.2
-"""A reading comes again so long at most: the barometer gives ten a second, its stream more."""
+"""ArduSub's, at BARO_SPEC_GRAV 1 (docs/ardusub.md, "Telemetry")."""
 RELEASES: Final = {0: "dev", 64: "alpha", 128: "beta", 192: "rc"}
 
 EKF_DEPTH: Final = mavlink.EKF_VELOCITY_VERT | mavlink.EKF_POS_VERT_ABS
@@ -76,7 +76,7 @@ class BootClock:
 
     A stamp stands for the time nearest to the last one known: a wrap goes on counting, a reboot goes back.
     Only milliseconds move the clock: microseconds wrap too early to be trusted alone. A stamp far from the
-    others moves it only when FAR_STAMPS of them have come in a row.
+    others moves it only when MESSAGES of them have come in a row.
     """
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class BootClock:
         boot_s = self._nearest(stamp / 1e3, WRAP_MS_S)
         near = self.last_s is None or abs(boot_s - self.last_s) <= MAX_STAMP_SPREAD_S
         self._far = 0 if near else self._far + 1
-        if near or self._far >= FAR_STAMPS:
+        if near or self._far >= MESSAGES:
             self.last_s, self._far = boot_s, 0
         return boot_s
 
@@ -187,10 +187,10 @@ class Decoder:
             return
         boot_s = self._clock.from_ms(m.time_boot_ms)
         read_s, reading = self._last_pressure
-        if m.press_abs == reading and 0.0 <= boot_s - read_s < PRESSURE_REPEAT_S:
+        if m.press_abs == reading and 0.0 <= boot_s - read_s < READING_REPEATS_S:
             return
         self._last_pressure = (boot_s, m.press_abs)
-        pressure_pa, pa_per_m = m.press_abs * PA_PER_HPA, PA_PER_M * gravity
+        pressure_pa, pa_per_m = m.press_abs * 100.0, PA_PER_M * gravity
         _refuse_beyond(MAX_DEPTH_M * pa_per_m, pressure_pa)
         surface_pa = parameters.get(f"BARO{primary + 1}_GND_PRESS", 0.0)
         if self._depth_source == "pressure" and surface_pa > 0.0:

@@ -25,7 +25,7 @@ PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 CONFIRM_AGAIN_S: Final = 0.5  # engaging waits for it
 VOLATILE_S: Final = 10.0  # as the streams are asked for
 COMMAND_S: Final = 1.0  # the heartbeat confirms once a second
-CONTACT_S: Final = 5.0  # longer than supervisor.heartbeat_timeout_s
+CONTACT_S: Final = 5.0  # a silence that is longer than supervisor.heartbeat_timeout_s is a new contact's
 
 RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
 """Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""

@@ -19,12 +19,10 @@ from companion.mavlink.ardusub import PRESSURES, DepthSource
 
 ASK_S: Final = 10.0  # ten requests: one a second on average
 WINDOW_S: Final = 0.4  # 20 messages at 50 Hz
-WINDOW_MESSAGES: Final = 4.0
 SLOW_SHARE: Final = 0.7
-"""A stream that comes at less than this share of its rate has slowed down."""
+"""A stream below this share of its rate has slowed down; a parameter transfer leaves a quarter."""
 
-AGAIN_S: Final = (1.0, 8.0)
-ROUNDING_S: Final = 1e-6
+AGAIN_S: Final = (1.0, 8.0)  # first wait and longest
 REFUSAL: Final = re.compile(r"No ap_message for mavlink id \((\d+)\)")
 """The firmware's text about a message that it does not stream; its COMMAND_ACK names no message."""
 
@@ -56,7 +54,7 @@ class _Stream:
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz
-        self.window_s = max(WINDOW_S, WINDOW_MESSAGES / rate_hz)
+        self.window_s = max(WINDOW_S, 4.0 / rate_hz)
         self.count = 0
         self.since_s = self.not_before_s = -math.inf
         self.measured_hz: float | None = None
@@ -117,7 +115,7 @@ class StreamRates:
             if stream.has_slowed(now_s, may_be_silent=key in MAY_BE_SILENT) or everything
         }
         ends_s = (stream.since_s + stream.window_s for stream in self._streams.values())
-        self._closes_s = min(ends_s, default=math.inf) - ROUNDING_S
+        self._closes_s = min(ends_s, default=math.inf) - 1e-6  # of rounding
         return due
 
     @property

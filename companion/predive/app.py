@@ -7,7 +7,8 @@ import time
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.io.links import Admission, MavlinkLink
-from companion.io.process import NS_PER_S, on_ending_signal
+from companion.io.process import on_ending_signal
+from companion.mavlink.ardusub import NS_PER_S
 from companion.mavlink.inbox import Inbox
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of

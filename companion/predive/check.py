@@ -13,6 +13,7 @@ from typing import NamedTuple
 from companion.config import Config
 from companion.core.allocation import HORIZONTAL
 from companion.mavlink.ardusub import FRAMES
+from companion.mavlink.streams import SLOW_SHARE
 from companion.predive.survey import NotReportedError, Observed
 from companion.records import Condition, Z
 from companion.supervision.conditions import BLOCKING, NOTHING, RESET_SETTLE_S
@@ -35,8 +36,6 @@ SUBMARINE, ARDUPILOT = 12, 3
 """MAV_TYPE and MAV_AUTOPILOT."""
 MIN_REACH = 0.3
 """With a smaller pilot gain MANUAL_CONTROL reaches less than a third of the thrust."""
-SLOW_SHARE = 0.7
-"""A stream below this share of its rate is slow; a parameter transfer reduces the rates to a quarter."""
 NOT_ON_EVERY_VEHICLE = frozenset(
     {"DISTANCE_SENSOR", "LOCAL_POSITION_NED", "SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"}
 )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 from companion.config import SupervisorLimits
+from companion.mavlink.link_maintenance import CONTACT_S
 from companion.records import (
     PSI,
     EkfStatus,
@@ -43,8 +44,6 @@ RECOVERS_S = 5.0
 """After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
 DEPTH_HELD_M = 0.3
 """A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
-CONTACT_S = 5.0
-"""A link that was silent for longer is a new contact."""
 OTHER_S = 3.0
 """Another Holdfast that is heard sooner after our contact was first; unheard for so long, it has gone. One
 that came later steers no longer than this, or believes itself to be first."""

@@ -16,6 +16,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from companion.estimation.estimator import MIN_COS_PITCH
 from companion.records import Array
 from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
@@ -50,7 +51,6 @@ PLACE_TAU_S = 60.0
 
 WIRE_PER_M = 1000.0
 OVERRIDE_SPAN_US = 400.0
-MIN_COS = 0.1
 
 Rows: TypeAlias = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
@@ -366,7 +366,7 @@ def read(vehicle: BatchVehicle, past: Rows, steps: int, slow: Rows, normals: Row
     sink = vehicle.depth_scale * ned_velocity(motion)[2] + slow[0, 1] + white[1] * normals[tick, 12]
     roll, pitch, yaw = euler(attitude)
     p, q, r = attitude[10], attitude[11], attitude[12]
-    rate = (q * math.sin(roll) + r * math.cos(roll)) / max(math.cos(pitch), MIN_COS)
+    rate = (q * math.sin(roll) + r * math.cos(roll)) / max(math.cos(pitch), MIN_COS_PITCH)
     return Readings(
         north,
         east,

@@ -22,7 +22,7 @@ from companion.guidance.paths.curve import (
     turn_along,
     turn_between,
 )
-from companion.guidance.paths.time_law import LOOKS_AHEAD_S, PathLimits, Profile, profiled
+from companion.guidance.paths.time_law import REFERENCE_LAG_S, PathLimits, Profile, profiled
 from companion.records import ZERO, Flags, Vector, chosen
 from companion.steps import Steps, finish
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, LawnMower, Lemniscate, PathPlan, Waypoint
@@ -261,7 +261,7 @@ def _reach(plan: PathPlan, waypoint: Waypoint, previous: Point, at: Point, follo
     if half_turn < 1e-6:
         return None
     d = min(corner, 0.5 * math.dist(previous, at), 0.5 * math.dist(at, following))
-    return d if d > plan.acceleration_mps2 * LOOKS_AHEAD_S**2 else 0.0
+    return d if d > plan.acceleration_mps2 * REFERENCE_LAG_S**2 else 0.0
 
 
 def _corner(previous: Point, at: Point, following: Point, d: float) -> Iterator[Node]:

@@ -32,7 +32,7 @@ DRAG_SHARE = 0.7
 TINY = 1e-9
 STEPS = 4
 """Points of the grid between two nodes: a corner of 12 nodes has 48."""
-LOOKS_AHEAD_S = reference.RATE_LAG_S + reference.ACCELERATION_LAG_S
+REFERENCE_LAG_S = reference.RATE_LAG_S + reference.ACCELERATION_LAG_S
 ARRIVED_M, STANDS_MPS = 0.004, 0.006
 """A leg has ended this near its end, and this slow: a fraction of the error with which a path is held."""
 SLOWEST_MPS = 0.005
@@ -136,7 +136,7 @@ class TimeLaw:
 
     def step(self, pace: float, dt_s: float) -> Setpoint:
         """Advance by `dt_s` at `pace`, the share of the speed that may be used; return where to be."""
-        allowed = self._profile.slowest(self.s, self.s + self.s_dot * LOOKS_AHEAD_S)
+        allowed = self._profile.slowest(self.s, self.s + self.s_dot * REFERENCE_LAG_S)
         share = pace * allowed / self._profile.max_speed
         self._state = reference.step(self._parameters, self._state, self._end, 0.0, 0.0, share, dt_s)
         return self.setpoint()
