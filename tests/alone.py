@@ -83,7 +83,7 @@ class Estimate:
     def step(self, now_s, events):
         memory, inputs = self.shell.take(now_s, events, self.memory)
         self.memory, motion = observers.step(self.observers, memory, inputs)
-        return self.shell.update(inputs, motion, self.memory.learner.model)
+        return self.shell.update(inputs, motion, self.memory.learner.model, 0)
 
     def sent(self, now_s, axes, tau_ned):
         self.shell.sent(now_s, axes)

@@ -185,7 +185,7 @@ class Estimator:
         )
 
     def update(
-        self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int, delivered: Vector
+        self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int, delivered: Vector = ZERO
     ) -> VehicleState:
         """Advance what finds ground, current and heading; return all that is known of the vehicle.
 
