@@ -33,6 +33,7 @@ from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
     PSI,
+    ZERO,
     Ages,
     Current,
     Delays,
@@ -192,7 +193,6 @@ class Estimator:
         `delivered` is the body wrench of the last command, N and N·m.
         """
         now_s, attitude, turning = inputs.now_s, self._attitude, not inputs.stale[PSI]
-        north_m, east_m, down_m, turn_rad = self._shifted
         return VehicleState(
             t_s=now_s,
             boot_s=now_s + self._meter.clock.offset_s,
@@ -216,7 +216,7 @@ class Estimator:
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
-            frame_shift=FrameShift(turn_rad, north_m, east_m, down_m) if any(self._shifted) else None,
+            frame_shift=FrameShift(self._shifted[PSI], *self._shifted[:PSI]) if any(self._shifted) else None,
             depth_offset_m=self.frame.sunk_m,
             stale=inputs.stale,
             dead_motor=dead_motor,
