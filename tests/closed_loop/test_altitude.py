@@ -95,15 +95,15 @@ def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
     [
         Fault(kind="message_frozen", message="DISTANCE_SENSOR"),
         Fault(kind="range_answers", value=0.0),
-        Fault(kind="range_answers", value=-1.0),
         Fault(kind="range_scaled", value=3.28),
-        Fault(kind="range_false", value=12.0),
         Fault(kind="range_false", value=0.4),
     ],
     ids=lambda fault: f"{fault.kind} {fault.value:g}",
 )
 def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
     """From 2 m over the ground to an altitude of 1 m; two of the ranges are sound again after a while.
+
+    property/test_range_faults.py has other ranges, without the loop.
 
     Without an answer it goes no deeper than half the range of before, and the nod.
     """

@@ -51,17 +51,6 @@ def test_another_compensator_goes_on_where_the_last_one_was(old, new):
     assert (step_n < STEP_N).all(), step_n
 
 
-def test_what_was_learnt_is_handed_on():
-    dive = active(*PULLED, companion=['heave.compensator="observer"'], seconds=8.0)
-    last = dive.step.sample.dofs
-    assert last.weight_norm[2] == 0.0
-    dive.engine.retune(configured("network"))
-    dive.run(10.0)
-    now = dive.step.sample.dofs
-    assert now.weight_norm[2] > 1.0
-    assert now.d_hat[2] == pytest.approx(last.d_hat[2], abs=3.0)
-
-
 def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     """Amid a move, where error and rate are not zero."""
     gains = configured("network+observer", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
@@ -83,13 +72,6 @@ def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     assert dive.step.sample.dofs.weight_norm[2] == pytest.approx(learnt, rel=0.1)
     dive.run(10.0)
     assert dive.step.truth.eta[2] == pytest.approx(2.5, abs=0.05)
-
-
-def test_the_difference_is_let_go_and_the_new_law_rules():
-    dive = active(*PULLED, seconds=8.0)
-    dive.engine.retune(configured("none"))
-    dive.run(10.0)
-    assert abs(dive.step.sample.dofs.d_hat[2]) < 0.5
 
 
 def test_what_is_built_in_cannot_change_while_running():

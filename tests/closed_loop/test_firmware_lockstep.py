@@ -147,10 +147,6 @@ def test_the_configurations_own_parameters_win_and_the_water_is_that_of_the_firm
     assert given["SIM_BATT_VOLTAGE"] == 16.0
 
 
-def test_the_firmware_uses_its_ekf_and_not_the_truth():
-    assert parameters_of(plant())["AHRS_EKF_TYPE"] == 3
-
-
 def test_a_gain_is_given_under_its_later_name_as_well():
     """Since the end of 2025 ArduSub has PSC_D_ACC_P for PSC_ACCZ_P, a tenth of it."""
     given = parameters_of(plant("parameters.PSC_ACCZ_P=2.0", "parameters.PSC_POSZ_P=4.0"))

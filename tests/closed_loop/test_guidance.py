@@ -237,17 +237,6 @@ def test_where_thrust_saturates_a_path_is_slowed_and_keeps_its_shape():
     assert max(abs(step.truth.eta[0]) for step in steps) < 0.2, "across the path"
 
 
-def test_by_stick_it_stops_before_the_fence():
-    dive = held(*CALM, companion=FENCED, pilot=True)
-    dive.cockpit.push(surge=0.8)
-    steps = dive.run(9.0)
-    dive.cockpit.push()
-    steps += dive.run(4.0)
-    assert dive.step.sample.eta_d[0] == pytest.approx(1.4, abs=0.05)
-    assert max(step.truth.eta[0] for step in steps) < 1.5
-    smooth(steps)
-
-
 def test_the_vehicle_stays_inside_the_fence():
     """Fast, along the fence and into its corners, in 0.3 m/s of current."""
     current = ("current.speed_m_s=0.3", "current.direction_deg=135")

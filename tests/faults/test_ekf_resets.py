@@ -313,15 +313,6 @@ def test_a_zero_of_depth_that_moves_moves_nothing(begin, plant, shifts):
     assert state.eta[2] == pytest.approx(dive.step.truth.eta[2], abs=0.04), "the depth as it was known"
 
 
-def test_zeros_that_move_at_any_time_by_any_size_move_nothing():
-    rng = np.random.default_rng(1)
-    times, sizes = np.sort(rng.uniform(1.0, 6.0, 6)), rng.uniform(0.06, 8.0, 6) * rng.choice((-1, 1), 6)
-    shifts = tuple(zip(times.tolist(), sizes.tolist(), strict=True))
-    undisturbed, _ = shifted(holding, WAVES, ())
-    depths, _ = shifted(holding, WAVES, shifts)
-    assert np.abs(depths - undisturbed).max() < 0.03
-
-
 @pytest.mark.parametrize("size_m", [0.008, 0.03])
 def test_a_zero_that_slides_within_a_second_is_found_by_the_pressure_which_brings_it_back(size_m):
     """Fifty steps, each below what is believed at once; nobody asks for the pressure, which comes at 2 Hz."""

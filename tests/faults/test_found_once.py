@@ -84,14 +84,3 @@ def test_somebody_elses_frames_do_not_keep_our_link_alive():
     dive.tap.spoil = lambda t_s, inbox: [*inbox, (round((START_S + t_s) * 1e9), somebody.stick(1500))]
     dive.run(3.0)
     assert dive.step.sample.state.ages.link_s > 2.0
-
-
-def test_a_vehicle_that_used_to_turn_over_stays_level_and_is_held():
-    """MANUAL, horizontal thrust below the centre of gravity, 0.6 m/s of current to stem: it tumbled."""
-    dive = Dive("sensors.dvl=true", "current.speed_m_s=0.6", "current.enabled=true", setpoint=hold(z=2.0))
-    dive.until(State.ACTIVE)
-    steps = dive.run(30.0)
-    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
-    tilt_rad = [max(abs(step.truth.eta[3]), abs(step.truth.eta[4])) for step in steps]
-    assert max(tilt_rad) < 0.3
-    assert abs(steps[-1].truth.eta[2] - 2.0) < 0.05

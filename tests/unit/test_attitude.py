@@ -55,12 +55,6 @@ def test_a_vehicle_that_turns_and_pitches_as_it_should_does_not_deviate(
     np.testing.assert_allclose(off, 0.0, atol=1e-12)
 
 
-def test_what_rights_the_vehicle_is_borne():
-    at = held(math.radians(30.0), math.radians(-20.0))
-    assert attitude.roll_moment(at, 0.4, 5.7, 0.0) == pytest.approx(5.7 * 0.5 * math.cos(math.radians(20.0)))
-    assert attitude.pitch_moment(at, 0.4, 5.7, 0.0) == pytest.approx(-5.7 * math.sin(math.radians(20.0)))
-
-
 def test_the_reference_arrives_within_its_limits():
     at, wanted, fastest = attitude.HELD_LEVEL, Angles(0.3, -0.5), 0.0
     for _ in range(300):

@@ -126,9 +126,6 @@ def test_input_hold_adds_an_offset_until_pressed_again():
     assert channels(station)[4] == 1620
 
 
-# RC_CHANNELS_OVERRIDE and latching
-
-
 # Failsafes
 
 

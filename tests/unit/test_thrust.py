@@ -7,11 +7,9 @@ import pytest
 from true_thrust import FRAMES, true_wrench
 
 from companion.core.allocation import (
-    PUSH,
     allocate,
     axes_from_motors,
     delivered,
-    interpolated,
     thrusters,
 )
 from sim_bridge.firmware.mixer import mix, motor_pwm
@@ -46,12 +44,6 @@ class Frame:
 @pytest.fixture
 def vehicle(frame):
     return Frame(frame)
-
-
-def test_the_curve_is_that_of_the_facts():
-    """T200 at 16 V: dead band 1472..1528 µs, 51.5 N forward, 39.9 N in reverse."""
-    for us, newtons in ((1100, -39.9), (1472, 0.0), (1500, 0.0), (1528, 0.0), (1700, 17.9), (1900, 51.5)):
-        assert interpolated((us - 1500) / 400, PUSH) == pytest.approx(newtons, abs=1e-12)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -38,13 +38,6 @@ def test_nothing_is_taken_from_a_level_vehicle_and_all_from_a_steep_one():
     assert -np.diff(shares).min() < 0.02
 
 
-def test_a_tilt_is_seen_coming():
-    assert coming_tilt(0.1, 0.0, 0.0, 0.0) == pytest.approx(0.1)
-    assert coming_tilt(0.1, 0.0, 1.0, 0.0) == pytest.approx(0.4)
-    assert coming_tilt(0.1, 0.0, -0.1, 0.0) == pytest.approx(0.1)
-    assert coming_tilt(math.pi, 0.0, 0.0, 0.0) == pytest.approx(math.pi)
-
-
 @pytest.mark.parametrize("unknown", range(4))
 def test_an_unknown_tilt_leaves_nothing(unknown):
     angles = [0.0] * 4
