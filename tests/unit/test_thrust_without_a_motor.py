@@ -39,13 +39,6 @@ def test_the_three_others_give_the_whole_wrench(dead):
         assert (np.abs(given - tau) <= [0.6, 0.6, 0.6, 0.1, 0.12, 0.12]).all()
 
 
-@pytest.mark.parametrize("dead", range(5, 9))
-def test_heave_alone_is_the_work_of_one_diagonal(dead):
-    axes, _ = allocate(heavy_without(dead), (0.0, 0.0, 20.0, 0.0, 0.0, 0.0), 16.0, FULL)
-    assert abs(axes[4]) == pytest.approx(0.5 * axes[2], rel=0.01)
-    assert abs(axes[5]) == pytest.approx(0.5 * axes[2], rel=0.01)
-
-
 @pytest.mark.parametrize("heave_n", [-200.0, 200.0])
 @pytest.mark.parametrize("dead", range(5, 9))
 def test_beyond_what_they_have_they_keep_the_moments_and_give_less_heave(dead, heave_n):

@@ -1,6 +1,6 @@
-"""What lasts, what was said a while ago, and the steps of a hand-over."""
+"""What lasts, and what was said a while ago."""
 
-from math import inf, nan, radians
+from math import nan, radians
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,8 @@ from companion.records import (
     PilotInput,
     Reboot,
 )
-from companion.supervision.handover import HandOver, HandOverStep
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
 from companion.supervision.situation import Observation
-from companion.telemetry.modes import Mode
 
 TICK_S = 0.02
 ALL = np.ones(4, bool)
@@ -153,57 +151,3 @@ def test_a_pilot_counts_as_steering_for_a_while(seen):
     assert seen.later(0.1).pilot_deflection == 0.0
     assert seen.step(PilotInput(0.0, LIMITS.pilot_deflection)).pilot_deflection == 0.0
     assert seen.watch.pilot_heard_s == seen.now_s
-
-
-# --- Handing over -------------------------------------------------------------------------------------------
-
-
-class Handing:
-    """A hand-over and its time; nobody steers unless told."""
-
-    def __init__(self, mode=Mode.MANUAL, goal=Mode.ALT_HOLD):
-        self.hand_over, self.now_s = HandOver(), 50.0
-        self.hand_over.begin(self.now_s, mode, goal)
-
-    def step(self, mode, seconds=TICK_S, *, thrusting=False, heard_s=-inf, keep_s=30.0, at_surface=False):
-        self.now_s += seconds
-        return self.hand_over.step(
-            self.now_s,
-            mode,
-            thrusting=thrusting,
-            pilot_heard_s=heard_s,
-            keep_s=keep_s,
-            at_surface=at_surface,
-        )
-
-    @property
-    def wanted(self):
-        return self.hand_over.wanted
-
-
-def test_it_is_kept_until_its_time_is_over_or_a_pilot_is_heard():
-    handing = Handing()
-    assert handing.step(Mode.ALT_HOLD) is HandOverStep.HELD
-    held_s = handing.now_s
-    assert handing.step(Mode.ALT_HOLD, heard_s=held_s) is HandOverStep.HELD
-    assert handing.step(Mode.ALT_HOLD, heard_s=held_s + 0.01) is HandOverStep.DONE
-    assert handing.step(Mode.ALT_HOLD, 29.9) is HandOverStep.HELD
-    assert handing.step(Mode.ALT_HOLD, 0.1) is HandOverStep.DONE
-
-
-def test_at_the_surface_alt_hold_is_the_firmwares_own_and_deeper_it_is_somebodys():
-    for at_surface in (True, False):
-        handing = Handing(goal=Mode.SURFACE)
-        handing.step(Mode.STABILIZE)
-        assert handing.step(Mode.SURFACE) is HandOverStep.RUNNING
-        assert handing.step(Mode.SURFACE, 3600.0) is HandOverStep.RUNNING, (
-            "on its way it is kept alive for ever"
-        )
-        said = handing.step(Mode.ALT_HOLD, at_surface=at_surface)
-        assert (said is HandOverStep.SURFACED) is at_surface
-        assert handing.hand_over.allows(Mode.ALT_HOLD) is at_surface
-    handing = Handing(goal=Mode.SURFACE)
-    handing.step(Mode.SURFACE)
-    handing.step(Mode.ALT_HOLD, at_surface=True)
-    assert handing.step(Mode.ALT_HOLD, 3600.0, at_surface=True) is HandOverStep.RUNNING
-    assert handing.step(Mode.ALT_HOLD, heard_s=handing.now_s) is HandOverStep.DONE
