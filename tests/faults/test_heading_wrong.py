@@ -1,7 +1,7 @@
 """A heading that is silently wrong: told by course or gyro, and no place is held that cannot be."""
 
 import numpy as np
-from virtual import Dive, hold
+from virtual import Dive, hold, shared
 
 from companion.records import Condition, Request, State, X, Z
 
@@ -18,13 +18,19 @@ def place_held(step):
     return any(step.sample.requested[:2])
 
 
-def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_and_less():
-    """Of a vehicle whose compass was the wrong way round; other angles are in test_heading_watch.py."""
+@shared
+def turned_round():
+    """A vehicle that holds a place, and whose compass was the wrong way round."""
     fault = 'faults=[{kind="compass", value=180.0}]'
     dive = Dive(*KNOWS_NORTH, fault, setpoint=hold(x=0.0, y=0.0), engage=False)
     dive.run(SETTLES_S)
     dive.ask(Request.ENGAGE)
-    dive.until(State.ACTIVE)
+    return dive.until(State.ACTIVE)
+
+
+def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_and_less():
+    """Other angles are in test_heading_watch.py."""
+    dive = turned_round()
     steps = dive.run(20.0)
     assert reported(steps).index(True) * 0.02 < 10.0
     assert not any(map(place_held, steps[-500:]))
@@ -46,11 +52,7 @@ def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_
 
 
 def test_a_place_is_tried_again_when_the_evidence_is_gone():
-    fault = 'faults=[{kind="compass", value=180.0}]'
-    dive = Dive(*KNOWS_NORTH, fault, setpoint=hold(x=0.0, y=0.0), engage=False)
-    dive.run(SETTLES_S)
-    dive.ask(Request.ENGAGE)
-    dive.until(State.ACTIVE)
+    dive = turned_round()
     dive.run(12.0)
     dive.fault("clear")
     dive.run(60.0)
