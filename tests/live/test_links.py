@@ -109,7 +109,7 @@ async def test_a_wire_that_cannot_be_closed_is_replaced_all_the_same(monkeypatch
             patch.setattr(asyncio.get_running_loop(), "remove_writer", lambda wire: wire.close() or 1 / 0)
             with pytest.raises(ZeroDivisionError):
                 link.close()
-        await until(lambda: link.unsent is not None)
+        await until(lambda: link.unsent is not None and len(server.writers) == 2)
         await server.stop()
 
 
