@@ -25,8 +25,9 @@ MEMORY_S = 0.2
 TRANSIENT_S, AGAIN_S = 1.1, 0.4
 """It lasts longer than any transient: the first time, and where one has just been."""
 
-SWINGS = 2
-"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom."""
+SWINGS, CONFIRMING_SWINGS = 2, 4
+"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom. A cycle
+that goes on until it has changed so often confirms itself."""
 
 VIOLENT = 12.0
 """Of the limit's mean square: more of it is no transient. Its time counts for more, and it
@@ -111,6 +112,8 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     if cycles and not goes_on:
         began_s = delay_s
         ceiling = RELAPSE_SHARE * state.gain_scale if known or share > parameters.violent else 1.0
+    elif cycles and swings >= CONFIRMING_SWINGS and state.ceiling == 1.0:
+        began_s, ceiling = state.delay_s, RELAPSE_SHARE
     elif explained:
         began_s, ceiling = math.inf, 1.0
     else:

@@ -49,8 +49,8 @@ def test_a_load_costs_little_and_not_for_long():
 
 
 def test_an_approach_that_rings_once_costs_the_gains_for_ten_seconds():
-    scale = watched(lambda t_s: 30.0 * np.sign(np.sin(8.0 * t_s)) * (t_s < 5.0), seconds=20.0)
-    assert scale.min() == pytest.approx(LEAST, abs=0.03)
+    scale = watched(lambda t_s: 42.0 * np.sign(np.sin(6.0 * t_s)) * (t_s < 1.5), seconds=20.0)
+    assert scale.min() < 0.6
     assert scale[round(15.0 / DT_S) :].min() == 1.0
 
 
@@ -58,7 +58,7 @@ def test_a_cycle_that_begins_again_leaves_the_gains_lower():
     """At 0.7 of where it began for half a minute, whole after minutes: above that it may begin again."""
 
     def swinging(t_s):
-        return 30.0 * np.sign(np.sin(8.0 * t_s)) * (t_s % 13.0 < 5.0 and t_s < 20.0)
+        return 42.0 * np.sign(np.sin(6.0 * t_s)) * (t_s % 13.0 < 1.5 and t_s < 20.0)
 
     scale = watched(swinging, seconds=270.0)
     assert scale[round(60.0 / DT_S)] == pytest.approx(RELAPSE_SHARE, abs=0.1)
@@ -69,7 +69,7 @@ def test_an_approach_after_a_cycle_does_not_confirm_it():
     """120 N less within 0.8 s, once: a vehicle that is braked at the end of its way."""
 
     def approaching(t_s):
-        swinging = 30.0 * np.sign(np.sin(8.0 * t_s)) * (t_s < 3.0)
+        swinging = 42.0 * np.sign(np.sin(6.0 * t_s)) * (t_s < 1.5)
         return swinging + np.interp(t_s, [3.0, 6.0, 6.8, 8.0, 9.6], [0.0, 60.0, -60.0, -60.0, 0.0])
 
     assert watched(approaching, seconds=14.0)[-1] > 0.95
@@ -143,7 +143,7 @@ def test_a_cycle_that_a_delay_explains_leaves_no_mark_once_the_delay_is_known(me
     state = START
     for i in range(round(16.0 / DT_S)):
         t_s = i * DT_S
-        swinging = 30.0 * np.sign(np.sin(2.0 * np.pi * 1.2 * t_s)) * (t_s % 13.0 < 2.5)
+        swinging = 42.0 * np.sign(np.sin(2.0 * np.pi * 0.9 * t_s)) * (t_s % 13.0 < 1.5)
         state = step(state, swinging, 0.02 if t_s < 15.0 else measured_s)
     assert state.gain_scale < 0.4
     assert (state.ceiling == 1.0) == explained
