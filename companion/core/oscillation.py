@@ -30,8 +30,8 @@ SWINGS, CONFIRMING_SWINGS = 2, 4
 that goes on until it has changed so often confirms itself."""
 
 VIOLENT = 12.0
-"""Of the limit's mean square: more of it is no transient. Its time counts for more, and it
-needs no second cycle."""
+"""Of the limit's mean square: more of it is no transient. Its time counts for more, and it needs no second
+cycle."""
 
 SHRINK_S = 0.3
 RECOVER_S = 10.0
@@ -99,19 +99,20 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     fast = tau - slow
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
     share = power / (parameters.limit * parameters.limit)
-    counts = share / parameters.violent if share > parameters.violent else 1.0
+    violent = share > parameters.violent
+    counts = share / parameters.violent if violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
     turned = (fast < 0.0) != (state.fast < 0.0)
     swings = state.swings + turned if share > 1.0 else 0
     known = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
     longest_s = AGAIN_S if known else TRANSIENT_S
     goes_on = state.ended_s == 0.0
-    swung = goes_on or swings >= SWINGS or share > parameters.violent
+    swung = goes_on or swings >= SWINGS or violent
     cycles = lasts_s > longest_s and swung
     explained = delay_s > state.delay_s + EXPLAINED_S
     if cycles and not goes_on:
         began_s = delay_s
-        ceiling = RELAPSE_SHARE * state.gain_scale if known or share > parameters.violent else 1.0
+        ceiling = RELAPSE_SHARE * state.gain_scale if known or violent else 1.0
     elif cycles and swings >= CONFIRMING_SWINGS and state.ceiling == 1.0:
         began_s, ceiling = state.delay_s, RELAPSE_SHARE
     elif explained:

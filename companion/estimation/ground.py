@@ -26,7 +26,7 @@ from typing import NamedTuple
 from companion.records import Ground, Range
 
 OMEGA_RADPS = 2.0
-"""These and what follows were chosen on the simulator's rangefinder and slopes (325ff984)."""
+"""1/s; this and what follows were chosen (325ff984)."""
 
 JUMP_M = 0.5
 """A sample further from the filter than this is left out."""

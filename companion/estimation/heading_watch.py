@@ -49,7 +49,7 @@ COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
 
 LEAST_COHERENCE = 0.05
 LEAST_RESPONSE = 0.5
-"""Chosen on stock eight-thruster vehicles in currents, whose heading was right (82e9337f)."""
+"""Chosen on nominal, tank, OSL-like and light vehicles in waves, a current and a tether (82e9337f)."""
 
 RETRIED_S = 30.0
 LASTS_S = 2.0
@@ -150,14 +150,13 @@ class HeadingWatch:
         ahead = cmath.exp(1j * heading)
         gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
         wanted = complex(gain_x * tau[0], gain_y * tau[1])
+        if self._velocity is None and cmath.isnan(velocity):
+            return
         nu = (velocity if self._velocity is None else self._velocity) / ahead
         braked = complex(
-            gain_x * (nominal.d1[0] + nominal.d2[0] * abs(nu.real)) * nu.real,
-            gain_y * (nominal.d1[1] + nominal.d2[1] * abs(nu.imag)) * nu.imag,
+            gain_x * _damping(nominal, 0, nu.real) * nu.real, gain_y * _damping(nominal, 1, nu.imag) * nu.imag
         )
         if self._velocity is None:  # it is taken for being in balance
-            if cmath.isnan(velocity):
-                return
             self._velocity, self._thrust = velocity, wanted
             self._moved, self._pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
             return
@@ -206,3 +205,7 @@ class HeadingWatch:
         self._vv = kept * self._vv + abs(v) ** 2 * self._gap_s
         self._uv = kept * self._uv + u.conjugate() * v * self._gap_s
         self._velocity, self._gap_s = velocity, 0.0
+
+
+def _damping(nominal: Model, axis: int, speed: float) -> float:
+    return nominal.d1[axis] + nominal.d2[axis] * abs(speed)

@@ -35,8 +35,7 @@ MEMORY_S = 1.0
 1 °/s is followed."""
 
 BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
-"""What an interruption that is ridden out may bring beside the fastest rate before and after it. Of the dive
-that turned by 40° (cb52f227) half."""
+"""What an interruption that is ridden out may bring beside the fastest rate before and after it; chosen."""
 
 NOISE_LASTS_S = 5.0
 """What the climb rate did not explain within this time counts as the noise of depth; so slowly the usual

@@ -12,6 +12,7 @@ from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import StreamRates
 from companion.records import Event, FirmwareVersion, GlobalOrigin, Heartbeat, Parameter, Reboot, StatusText
+from companion.records.state import CONTACT_S
 from companion.telemetry.modes import Mode
 
 HEARTBEAT_S: Final = 1.0  # MAVLink's rate of heartbeats
@@ -25,7 +26,6 @@ PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 CONFIRM_AGAIN_S: Final = 0.5  # engaging waits for it
 VOLATILE_S: Final = 10.0  # as the streams are asked for
 COMMAND_S: Final = 1.0  # the heartbeat confirms once a second
-CONTACT_S: Final = 5.0  # a silence that is longer than supervisor.heartbeat_timeout_s is a new contact's
 
 RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
 """Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""

@@ -7,6 +7,9 @@ import msgspec
 
 from companion.records.dof import ZERO, Vector
 
+CONTACT_S = 5.0
+"""A link that was silent for longer is a new contact: longer than `supervisor.heartbeat_timeout_s`."""
+
 
 class FrameShift(msgspec.Struct, frozen=True):
     """By how much the autopilot reset its estimate: yaw, clockwise, position, and depth."""

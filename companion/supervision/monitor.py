@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 
 from companion.config import SupervisorLimits
-from companion.mavlink.link_maintenance import CONTACT_S
 from companion.records import (
     PSI,
     EkfStatus,
@@ -18,6 +17,7 @@ from companion.records import (
     Reboot,
     Z,
 )
+from companion.records.state import CONTACT_S
 from companion.supervision.situation import (
     Observation,
     Watched,

@@ -27,7 +27,7 @@ FIGURES = {"depth_sd_mm": "depth SD, mm", "believed_rms_mm": "place without the 
 class Prediction(Reality):
     """Scenarios of `bench reality` with and without the prediction."""
 
-    sets = tuple(f"{axis}.compensator" for axis in ("surge", "sway", "heave", "yaw"))
+    sets = tuple(f"{axis}.compensator" for axis in ("surge", "sway", "heave"))
     first_seed = 9501
     command = "lab bench prediction"
     about = "Compares d̂ as the observer has it with d̂ as the network predicts it. A row is a compensator."
