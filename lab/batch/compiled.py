@@ -74,8 +74,7 @@ register_model(PythonFunction)(models.OpaqueModel)
 def cached(entry: Callable[..., Any], *, keeps: bool = True) -> Any:
     """Return a function of the lab, compiled for the types that it is called with.
 
-    What is compiled stays on disk unless told otherwise: not if it is given functions from outside PACKAGES.
-    Another process that compiles the same meanwhile is waited for.
+    What is compiled stays on disk, unless it is given functions from outside PACKAGES. One process compiles it.
     """
     folder = cache_folder()
     if keeps:

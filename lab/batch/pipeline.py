@@ -1,10 +1,8 @@
 """How numba compiles a function that calls 300 others, which pass tuples of up to a thousand numbers.
 
-As it comes, numba optimizes each function by itself and makes machine code of each, and it moves a function
-into its caller only where the function is small. Half of a tick's time then goes into copies of tuples. Here
-a callee stays LLVM's intermediate code (PART), and in the code of the entry (WHOLE) no function is visible
-from outside: LLVM then moves each function that is called once into its caller, where a tuple costs nothing,
-and a tick takes a third of the time.
+As it comes, numba makes machine code of each function and moves only small ones into their callers: half of a
+tick's time then goes into copies of tuples. Here a callee stays LLVM's intermediate code (PART), and in the
+entry's (WHOLE) no function is visible from outside: LLVM then moves each that is called once into its caller.
 
 These are numba's inner classes: `tests/unit/test_compiled.py` fails where another version has others.
 """
@@ -22,8 +20,7 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.imputils import lower_constant
 from numba.core.typed_passes import NativeLowering
 
-os.environ.setdefault("NUMBA_OPT", "1")
-"""LLVM's effort. A dive is as fast as with numba's 3, and compiling takes two thirds of the time."""
+os.environ.setdefault("NUMBA_OPT", "1")  # a third less time to compile; dives are as fast
 
 
 @lower_constant(types.Dispatcher)  # type: ignore[untyped-decorator]
