@@ -74,7 +74,7 @@ register_model(PythonFunction)(models.OpaqueModel)
 def cached(entry: Callable[..., Any], *, keeps: bool = True) -> Any:
     """Return a function of the lab, compiled for the types that it is called with.
 
-    What is compiled stays on disk, unless it is given functions from outside PACKAGES. One process compiles it.
+    It stays on disk, unless it is given functions from outside PACKAGES; one process compiles it.
     """
     folder = cache_folder()
     if keeps:
