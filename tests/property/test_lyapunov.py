@@ -16,9 +16,6 @@ from learner import hidden
 
 from companion.core import network
 from companion.core.compensator import Signals, inputs
-from companion.core.integrator import Parameters as IntegratorParameters
-from companion.core.integrator import State as IntegratorState
-from companion.core.integrator import step as step_integrator
 from companion.core.law import rov_law
 from companion.core.network import Parameters as NetworkParameters
 from companion.core.network import State as NetworkState
@@ -102,20 +99,6 @@ def networks_step(
             V[i, j] = state.V[j]
 
 
-def integrators_step(
-    parameters: Columns, known: Columns, signals: Columns, adapt: Flags, d_hat: Column, learning: Flags
-) -> None:
-    """Step an integrator a dive; `known` (dives, 1) is changed."""
-    for i in range(len(known)):
-        eta, _, leak, dead_zone, d_max = parameters[i]
-        gains = IntegratorParameters(eta, leak, dead_zone, d_max)
-        x = signals[i]
-        seen = Signals(x[0], x[1], x[2], x[3], x[4], x[5])
-        state = IntegratorState(known[i, 0])
-        state, d_hat[i], learning[i] = step_integrator(gains, state, seen, DT, adapt[i])
-        known[i, 0] = state.d_hat
-
-
 class Networks:
     """A network for each dive, all with the same first hidden layer, alone."""
 
@@ -131,20 +114,6 @@ class Networks:
         d_hat, self.learning = np.zeros(DIVES), np.zeros(DIVES, bool)
         known = self.V_start, self.weights, self._V
         self._step(self._parameters, *known, signals, adapt, d_hat, self.learning)
-        return d_hat
-
-
-class Integrators:
-    """An integrator for each dive: its weight is what it has piled up."""
-
-    def __init__(self, s, d_max):
-        self._parameters = np.ascontiguousarray(np.stack((s.eta, s.eta, s.leak, s.dead_zone, d_max)).T)
-        self.weights = np.zeros((DIVES, 1))
-        self._step = compiled(integrators_step)
-
-    def step(self, signals, adapt):
-        d_hat, self.learning = np.zeros(DIVES), np.zeros(DIVES, bool)
-        self._step(self._parameters, self.weights, signals, adapt, d_hat, self.learning)
         return d_hat
 
 
@@ -281,24 +250,6 @@ def test_network_with_frozen_hidden_layer(seed):
         return d_star - wrong_model
 
     run = dive(s, networks, disturbance, tau_max)
-    assert_theorem(s, run, W_star, delta, d_max, tau_max)
-
-
-@FEW
-@given(seeds)
-def test_integrator_is_the_network_of_one_constant_unit(seed):
-    rng = np.random.default_rng(seed)
-    s = draw(rng)
-    W_star = rng.uniform(-15.0, 15.0, (DIVES, 1))
-    delta = rng.uniform(0.0, 3.0, DIVES)
-    d_max = (np.abs(W_star[:, 0]) + delta) * rng.uniform(1.0, 1.3, DIVES)
-    tau_max = rng.uniform(40.0, 400.0, DIVES)
-
-    def disturbance(t, w, e_dot, r_ddot, signals):
-        wrong_model = (s.h - s.h_hat) * w * np.abs(w) + (s.m - s.m_hat) * (r_ddot - s.lam * e_dot)
-        return W_star[:, 0] + delta * np.sin(3.0 * t) - wrong_model
-
-    run = dive(s, Integrators(s, d_max), disturbance, tau_max)
     assert_theorem(s, run, W_star, delta, d_max, tau_max)
 
 

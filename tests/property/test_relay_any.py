@@ -147,17 +147,6 @@ def test_switching_at_any_moment_leaves_whole_frames(parts, seed, switches, vehi
                 break
 
 
-@given(st.lists(st.binary(max_size=2000), max_size=10), st.booleans(), st.booleans())
-def test_garbage_never_raises_and_makes_no_pilot(data, ground_is_stream, withhold):
-    wire = relay(ground_is_stream=ground_is_stream)
-    wire.withhold = withhold
-    for k, datagram in enumerate(data):
-        wire.to_vehicle(k * 20_000_000, datagram)
-        wire.to_ground(k * 20_000_000, datagram)
-        assert pilot_events(wire.take()) == []
-    assert pilot_events([(0, datagram) for datagram in data]) == []
-
-
 def test_a_flood_is_dropped_until_the_next_tick():
     wire = relay()
     assert wire.to_vehicle(0, bytes(MAX_BYTES)) != ()

@@ -32,7 +32,7 @@ from lab.studies.dives import FIGURES, LINKS, SCENARIOS, Dives
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.reality import FIRST_SEED as FIRST_REAL_SEED
 from lab.studies.rivals import Rivals
-from lab.studies.search import SearchResult, Stage, scores, search, training, training_of_reality
+from lab.studies.search import Stage, scores, search, training, training_of_reality
 from lab.studies.statistics import interval, student
 from lab.study import Row, Study, by, parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
@@ -173,26 +173,6 @@ def test_a_search_for_the_place_judges_surge_and_sway(monkeypatch: pytest.Monkey
     dives = [dive for dive in training(1, around) if dive[0].name == "calm"]
     good, worse = scores(Stage(shipped, place=True), [shipped, soft], configured, BASE, dives)
     assert worse > 2.0 * good
-
-
-def test_a_search_turns_the_depth_of_each_row_and_then_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    judged = []
-
-    def stand_in(stage, load, *_, **__):
-        judged.append((stage.place, load(()).laws.get("indi_depth", {}).get("omega")))
-        return SearchResult({key: 1.5 * start for key, start in stage.knobs.items()}, 3.0, 4.0, 10)
-
-    monkeypatch.setattr(tune, "search", stand_in)
-    monkeypatch.setattr(tune, "mean_chatter_n", lambda *_, **__: 2.0)
-    arguments = parser_of(tune.Tune).parse_args(["indi"])
-    arguments.command = "holdfast lab tune"
-    found = tune.Tune(arguments)
-    (row,) = found.dive(found.cases())
-    assert judged == [(False, 6.0), (True, 9.0)]
-    assert row["scores"] == [4.0, 3.0, 4.0, 3.0]
-    assert set(row["values"]) == set(tuned()["indi"])
-    text = tune.tuned_text({"seeds": 1}, [{"row": "indi"} | row])
-    assert tomllib.loads(text)["values"]["indi"] == row["values"]
 
 
 def test_own_vehicles_config_is_written_with_its_comments(tmp_path: Path) -> None:

@@ -54,18 +54,6 @@ def test_a_heading_error_across_south_is_small():
     assert sample.tau[3] < 0.0
 
 
-def test_tau_is_the_sum_of_its_parts():
-    c = at_rest()
-    s = state((0.1, -0.2, 0.3, 0.2), (0.1, 0.2, -0.1, 0.3), (3.0, -2.0, 5.0, 0.2))
-    for _ in range(5):
-        sample = tick(c, s, Setpoint((1.0, 1.0, 2.0, -1.0)))
-    parts = np.sum((sample.feedforward, sample.feedback, sample.d_hat), axis=0)
-    np.testing.assert_allclose(sample.tau, parts, rtol=1e-12)
-    lam = np.array([axis.lambda_per_s for axis in load_config().axes])
-    np.testing.assert_allclose(sample.eps, sample.e_dot + lam * sample.e, rtol=1e-9)
-    np.testing.assert_allclose(sample.e_dot, np.subtract(sample.x_dot, sample.x_d_dot), rtol=1e-12)
-
-
 def each(name):
     return [f"{axis}.compensator={name}" for axis in ("surge", "sway", "heave", "yaw")]
 

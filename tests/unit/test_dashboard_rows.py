@@ -106,18 +106,6 @@ def test_the_greatest_depth_and_the_time_below_the_surface_are_kept(make_sample:
     assert status["dive_s"] == pytest.approx(2.0)
 
 
-def test_events_are_kept_and_numbered(make_sample: MakeSample) -> None:
-    seen = Histories()
-    seen.take(_messages(make_sample()), now_s=4.0)
-    for text in ("first", "second"):
-        event = telemetry.Event(t_s=4.0, boot_s=0.0, severity="fault", kind="state", text=text)
-        seen.take([Message("holdfast/kelp/event", msgspec.json.encode(event))], now_s=4.1)
-    vehicle = seen.vehicles["kelp"]
-    assert [event.text for event in vehicle.events_from(0)] == ["first", "second"]
-    assert [event.text for event in vehicle.events_from(1)] == ["second"]
-    assert vehicle.event_count == 2
-
-
 def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:
     seen = Histories()
     seen.take(_messages(make_sample(t_s=1.0)), now_s=1.0)

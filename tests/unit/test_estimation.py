@@ -20,7 +20,6 @@ from companion.records import (
     Battery,
     Depth,
     DepthRate,
-    Heartbeat,
     PilotGain,
     Position,
     TimeSync,
@@ -154,23 +153,6 @@ def test_a_command_on_its_way_is_foreseen_and_not_felt_too_early(since_s):
 
 def attitude(t_s, yaw=0.0, r=0.0):
     return Attitude(t_s, t_s + BOOT_S, 0.01, 0.02, yaw, 0.03, 0.04, r)
-
-
-def test_before_anything_came_all_ages_are_infinite_and_nothing_is_permitted():
-    state = estimator().step(START_S, [])
-    assert {state.ages.link_s, state.ages.depth_s, state.ages.attitude_s, state.ages.position_s} == {math.inf}
-    assert not state.armed
-    assert np.isfinite([state.eta, state.eta_dot, state.eta_ahead, state.eta_dot_ahead]).all()
-
-
-def test_ages_count_from_each_signals_own_arrival():
-    est = estimator()
-    est.step(START_S, [attitude(START_S), Position(START_S, START_S + BOOT_S, 0.0, 0.0, 0.0, 0.0)])
-    est.step(START_S + 0.2, [Depth(START_S + 0.19, None, 1.0)])
-    est.step(START_S + 0.3, [Heartbeat(START_S + 0.3, armed=True, mode=19, system_status=4)])
-    ages = est.step(START_S + 0.5, []).ages
-    found = ages.attitude_s, ages.position_s, ages.depth_s, ages.link_s
-    assert found == pytest.approx((0.5, 0.5, 0.31, 0.2))
 
 
 @pytest.mark.parametrize(("reported", "believed"), [(14.8, 14.8), (2.0, 10.0), (90.0, 20.0)])

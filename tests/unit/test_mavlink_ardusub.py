@@ -356,34 +356,6 @@ class TestBootClock:
         assert convert(decoder, attitude(boot_ms=later_ms))[0].boot_s == pytest.approx(50 * 86_400 + 0.02)
 
 
-class TestStatusText:
-    def test_chunks_become_one(self, decoder):
-        assert convert(decoder, statustext(b"a" * 50, 7, 0)) == ()
-        assert convert(decoder, statustext(b"b" * 50, 7, 1)) == ()
-        assert convert(decoder, statustext(b"end", 7, 2)) == (StatusText(T, 4, "a" * 50 + "b" * 50 + "end"),)
-
-
-def channels(message):
-    return [getattr(message, f"chan{n}_raw") for n in range(1, 19)]
-
-
-class TestOverride:
-    @pytest.mark.parametrize(
-        ("command", "channel", "pwm_us"),
-        [
-            (AxisCommand(heave=0.5), 3, 1300),
-            (AxisCommand(heave=-0.5), 3, 1700),
-            (AxisCommand(yaw=0.5), 4, 1700),
-            (AxisCommand(surge=0.5), 5, 1700),
-            (AxisCommand(sway=0.5), 6, 1700),
-        ],
-    )
-    def test_signs(self, command, channel, pwm_us):
-        expected = {3: 1500, 4: 1500, 5: 1500, 6: 1500} | {channel: pwm_us}
-        got = channels(COMMANDS.rc_override(command))
-        assert {n: got[n - 1] for n in expected} == expected
-
-
 class TestManualControl:
     @pytest.mark.parametrize("gain", [0.0, -1.0, NAN, INF])
     def test_absurd_gain_is_neutral(self, gain):

@@ -67,14 +67,6 @@ def test_unwanted_ids_are_dropped_but_checked():
     assert (link.counters.messages, link.counters.garbage) == (1, 1)
 
 
-def test_a_false_header_does_not_swallow_the_frames_behind_it():
-    for stream in (False, True):
-        link = codec(stream=stream)
-        data = FALSE_HEADER + b"".join(frames(*[attitude()] * 12))
-        assert len(link.decode(0.0, data)) == 12
-        assert link.counters.garbage == 1
-
-
 def test_a_datagram_leaves_nothing_behind():
     link = codec()
     (frame,) = frames(attitude())

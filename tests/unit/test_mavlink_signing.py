@@ -46,14 +46,6 @@ def heartbeat():
     return Commands().heartbeat()
 
 
-def test_what_we_sign_others_take_and_what_they_sign_we_take():
-    vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
-    for _ in range(5):
-        assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
-        assert len(ours.decode(0.0, vehicle.says())) == 1
-    assert ours.counters.refused == 0
-
-
 @pytest.mark.parametrize("key", [None, bytes(32)])
 def test_unsigned_and_wrongly_signed_are_refused_and_counted(key):
     stranger, ours = Vehicle(key), codec(Signing(KEY, 7, UTC_2026_S))

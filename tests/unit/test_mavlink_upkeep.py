@@ -74,22 +74,6 @@ def test_before_contact_only_our_heartbeat_goes_out_once_a_second(dive):
     assert len(dive.times("HEARTBEAT")) == 10
 
 
-def test_first_contact_asks_for_every_stream_at_its_rate(dive):
-    asked = {
-        m.param1: m.param2
-        for m in dive.step(beat(0.0))
-        if wire.name(m) == "COMMAND_LONG" and m.command == 511
-    }
-    assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == 20_000
-    assert asked[mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW] == pytest.approx(1e6 / 12.0)
-    assert asked == {key: 1e6 / rate for key, rate in STREAMS.items()}
-
-
-def test_streams_are_asked_again_every_10_s(dive):
-    dive.run(25.0)
-    assert sorted(set(dive.times("COMMAND_LONG", 511))) == pytest.approx([0.02, 10.02, 20.02], abs=0.05)
-
-
 def test_a_stream_that_slows_down_is_asked_for_again_and_the_others_are_not(dive):
     attitude = mavlink.MAVLINK_MSG_ID_ATTITUDE
     dive.run(5.0)

@@ -3,14 +3,11 @@
 import numpy as np
 
 from companion.core.observer import (
-    ObserverState,
     Push,
     advance,
     at_rest,
-    coefficients,
     correct,
     expected,
-    predict,
 )
 from companion.estimation.observer_design import Noise, observer_parameters
 
@@ -71,15 +68,6 @@ def run(q, v, u=thrust, noise=None, states=None):
     return states, np.array(seen)
 
 
-def ahead(states, commands, dt_s=TICK_S):
-    """q, v and f along the trajectories, (steps + 1, 4, 3)."""
-    trajectories = []
-    for dof, state in enumerate(states):
-        step = coefficients(push(dof, 0.0), 1.0, LAG_S, dt_s)
-        trajectories.append(predict(step, state, np.asarray(commands)[:, dof], state.d))
-    return np.array(trajectories).swapaxes(0, 1)
-
-
 def test_everything_is_found_without_bias_and_d_in_the_papers_sign():
     """m x'' = tau - k - h - d: a positive d pushes up and back, and has to be met by a positive thrust."""
     q, v, f = plant(25.0)
@@ -100,16 +88,3 @@ def test_noise_is_reduced():
     assert (settled[:, :, 0].std(0) < 0.7 * POSITION_NOISE).all()
     assert (settled[:, :, 1].std(0) < RATE_NOISE).all()
     assert (np.abs(settled[:, :, 3].mean(0)) < 0.5 * DISTURBANCE_NOISE).all()
-
-
-def test_prediction_is_what_then_happens():
-    """From an exact state through known commands: within half a millimetre and a mm/s over 0.3 s."""
-    q, v, f = plant(4.0)
-    start, steps = 150, 15
-    exact = zip(q[start], v[start], f[start], D, np.zeros(4), np.zeros(4), strict=True)
-    states = [ObserverState(*row) for row in exact]
-    commands = np.array([thrust((start + k) * TICK_S) for k in range(steps)])
-    trajectory = ahead(states, commands)
-    for k in range(steps + 1):
-        np.testing.assert_allclose(trajectory[k, :, 0], q[start + k], atol=5e-4)
-        np.testing.assert_allclose(trajectory[k, :, 1], v[start + k], atol=3e-3)

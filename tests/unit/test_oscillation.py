@@ -10,8 +10,6 @@ from companion.core.oscillation import (
     SHARES,
     START,
     Parameters,
-    mean_disturbance,
-    scaled_disturbance,
 )
 from companion.records import PSI, Z
 
@@ -118,18 +116,6 @@ def test_what_rings_and_dies_away_is_no_limit_cycle():
 def test_what_nobody_can_push_is_not_counted():
     """Demand far beyond the largest force that goes up and down without a change of sign pushes the same."""
     assert (watched(lambda t_s: 500.0 + 300.0 * np.sin(8.0 * t_s)) == 1.0).all()
-
-
-@pytest.mark.parametrize("load_n", [15.0, -3.0])
-def test_a_disturbance_drawn_back_keeps_its_mean_and_at_full_gains_is_untouched(load_n):
-    mean, used = 0.0, []
-    for i in range(1500):
-        d = load_n + 30.0 * np.sin(10.0 * i * DT_S)
-        mean = mean_disturbance(mean, d, DT_S)
-        assert scaled_disturbance(mean, d, 1.0) == d
-        used.append(scaled_disturbance(mean, d, 0.2))
-    assert np.mean(used[-314:]) == pytest.approx(load_n, abs=0.5)
-    assert np.ptp(used[-314:]) < 0.2 * 60.0
 
 
 def test_a_number_gone_bad_is_no_limit_cycle_and_no_error():

@@ -92,17 +92,6 @@ def test_conditions_and_refusals_are_told_and_what_the_pilot_has_from_elsewhere_
     assert Screen().tick(happened) == told
 
 
-def test_a_fault_is_told_once_and_the_end_of_its_cause():
-    """The reason says what the conditions of the same tick say."""
-    screen = Screen()
-    fault = event("state", "fault", "FAULT: the vehicle is not heard")
-    begun = [begins(C.LINK_LOST), begins(C.DEPTH_STALE), fault]
-    assert len(screen.tick(*begun, authority=0.0, remedy="look")) == 1
-    assert screen.tick(ends(C.LINK_LOST), ends(C.DEPTH_STALE), authority=0.0) == [
-        (mavlink.MAV_SEVERITY_INFO, f"Holdfast: {C.LINK_LOST.ended}")
-    ]
-
-
 @pytest.mark.parametrize(
     "again",
     [

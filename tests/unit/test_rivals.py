@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from companion.config import load_config
 from companion.core.law import Motion
-from companion.engine import Engine
-from companion.records import Setpoint, Z
-from lab.loop.lockstep import LinkDelay, Lockstep
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import Scenario, hold
 from lab.rivals import alt_hold, indi, mpc, ppi
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
-from sim_bridge.vehicle import Vehicle
 
 BASE = load_plant(DEFAULT_CONFIG)
 DT_S, MASS_KG = 0.02, 30.0
@@ -119,21 +115,6 @@ def test_mpc_stays_within_the_largest_force_and_stops_on_its_mark():
         assert z > -0.02
     assert most == pytest.approx(40.0)
     assert abs(z) < 2e-3
-
-
-def test_a_law_of_ones_own_steers_the_axes_that_chose_it_and_no_others():
-    """P-PI knows nothing of drag; the paper's law has it in its feedforward."""
-    table = "laws.ppi={module='lab.rivals.ppi', k_p=4.0, k_v=8.0, k_i=4.0}"
-    config = load_config(overrides=["heave.law=ppi", "heave.compensator=none", table])
-    engine = Engine(config, Setpoint((np.nan, np.nan, np.nan, 0.0)), arm=True)
-    loop = Lockstep(Vehicle(BASE, 1), engine, LinkDelay(), 1, config.loop.rate_hz)
-    samples = [step.sample.dofs for step in loop.run(1.0)]
-    moving = [sample for sample in samples if abs(sample.x_dot[Z]) > 0.01]
-    assert moving
-    for sample in moving:
-        assert sample.feedforward[Z] == config.heave.mass * sample.x_d_ddot[Z]
-        assert sample.tau[Z] == 0.0  # not engaged
-    np.testing.assert_array_equal(samples[-1].d_hat[:2], samples[-1].d_observer[:2])
 
 
 def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station():

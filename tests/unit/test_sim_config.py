@@ -23,21 +23,14 @@ def test_shipped_dives_run_and_stay_in_their_water(file):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("hull.mass_kg=-1", ["hull.mass_kg", "-1", "> 0"]),
         ("hull.colour='blue'", ["hull.colour", "unknown"]),
         ("waves.height_m=9.0", ["waves.height_m = 9", "must be 0 to 5"]),
-        ("waves.height_m=nan", ["waves.height_m", "finite"]),
         ("current.profile=[[5, 1.0], [2, 0.5]]", ["current", "profile", "rise"]),
         ("thrusters.frame='octopus'", ["thrusters.frame", "octopus"]),
         ("thrusters.gain=[1.0, 1.0]", ["thrusters", "1 or 8"]),
-        ("hull.added_mass=[1, 2]", ["hull.added_mass"]),
-        ("sensors.depth_scale='deep'", ["sensors.depth_scale", "deep"]),
         ("faults=[{kind='gremlin'}]", ["faults[0]", "gremlin", "link_cut"]),
-        ("faults=[{kind='parameter'}]", ["faults[0]", "parameter"]),
         ("faults=[{kind='message_nan', message='ATTITUD'}]", ["faults[0]", "ATTITUD", "no message"]),
         ("faults=[{kind='link_lossy', value=3}]", ["faults[0]", "0..1"]),
-        ("speed", ["speed", "section.key=value"]),
-        ("waves.enabled=yes", ["waves.enabled", "bool"]),
     ],
 )
 def test_errors_name_override_key_value_and_range(override, words):
@@ -45,8 +38,7 @@ def test_errors_name_override_key_value_and_range(override, words):
         load_config(CONFIG, [override])
     for word in words:
         assert word in str(caught.value)
-    if "=" in override and "TOML" not in words:
-        assert str(caught.value).startswith(f"--set {override}: ")
+    assert str(caught.value).startswith(f"--set {override}: ")
 
 
 def test_an_empty_file_is_a_heavy_in_still_water(tmp_path):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from sim_wire import CALM, CONFIG, vehicle
+from sim_wire import CALM, CONFIG
 
 from sim_bridge.config import Waves, load_config
 from sim_bridge.physics.body import Physics
@@ -91,17 +91,6 @@ def test_current_follows_its_profile_and_turns():
     )
     turning = environment(f"current={{enabled=true, {still}, turn_deg_s=2.0}}")
     assert turning.step(45.0, 0, at(5))[1][:2] == pytest.approx((0.0, 0.4))
-
-
-def test_a_hull_sinks_into_the_seabed_until_its_spring_bears_it():
-    rov = vehicle(
-        "seabed={enabled=true, depth_m=5.0, stiffness_n_per_m=1000}",
-        "initial.eta=[0,0,4.5,0,0,0]",
-        "heave_force={enabled=true, constant_n=20}",
-    )
-    for _ in range(2000):
-        rov.step()
-    assert rov.truth().eta[2] == pytest.approx(5.0 - 0.125 + 20 / 1000, abs=1e-4)
 
 
 def test_a_fall_on_the_seabed_creates_no_energy():

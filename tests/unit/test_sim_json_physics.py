@@ -1,7 +1,6 @@
 """External physics for ArduSub's JSON backend: what the firmware reads, and when the body moves."""
 
 import json
-import math
 import struct
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed, reply
-from sim_bridge.physics.plant import GRAVITY, state_of
+from sim_bridge.physics.plant import state_of
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
 REST = (1500,) * 16
@@ -39,22 +38,6 @@ def body(*overrides):
     return DrivenBody(Physics(config, 1), config.battery.voltage_v)
 
 
-def test_rolled_to_starboard_gravity_is_felt_to_port_and_pitched_up_to_the_bow():
-    rolled = read(reply(0.0, motion(eta=(0, 0, 0, 0.5, 0, 0))))["imu"]["accel_body"]
-    assert rolled == pytest.approx([0.0, -GRAVITY * math.sin(0.5), -GRAVITY * math.cos(0.5)])
-    pitched = read(reply(0.0, motion(eta=(0, 0, 0, 0, 0.5, 0))))["imu"]["accel_body"]
-    assert pitched == pytest.approx([GRAVITY * math.sin(0.5), 0.0, -GRAVITY * math.cos(0.5)])
-
-
-def test_position_is_ned_and_velocity_is_turned_from_body_to_ned():
-    said = read(reply(1.0, motion(eta=(3, -2, 7, 0, 0, math.pi / 2), nu=(1, 0.5, 0.25, 0.1, 0.2, 0.3))))
-    assert said["position"] == pytest.approx([3.0, -2.0, 7.0])
-    assert said["velocity"] == pytest.approx([-0.5, 1.0, 0.25], abs=1e-8), "the bow looks east"
-    assert said["imu"]["gyro"] == pytest.approx([0.1, 0.2, 0.3])
-    half = math.sqrt(0.5)
-    assert said["quaternion"] == pytest.approx([half, 0.0, 0.0, half], abs=1e-8)
-
-
 def test_arrays_follow_their_colon_at_once_because_the_firmware_reads_no_space_there():
     text = reply(0.1, motion()).decode()
     for key in ("gyro", "accel_body", "position", "quaternion", "velocity"):
@@ -64,33 +47,12 @@ def test_arrays_follow_their_colon_at_once_because_the_firmware_reads_no_space_t
 
 def test_the_firmware_never_truncates_a_step_to_one_microsecond_less():
     responder, before, lost = Responder(lambda frame, dt_s: motion()), 0.0, 0
-    for number in range(20_000):
+    for number in range(4_000):
         stamp = read(responder.answer(packet(number, 400), 0.0))["timestamp"]
         lost += int((stamp - before) * 1e6) != 2500
         before = stamp
     assert lost == 0
-    assert before == pytest.approx(50.0, abs=1e-6)
-
-
-def test_a_repeated_frame_moves_nothing_and_is_answered_only_when_the_answer_was_lost():
-    one = body()
-    responder = Responder(one.move)
-    again = packet(0, 400, (*(1500,) * 4, *(1400,) * 4, *(1500,) * 8))
-    first = responder.answer(again, 10.0)
-    assert responder.answer(again, 10.1) is None, "a copy that was sent while the first one waited here"
-    assert responder.answer(again, 11.0) == first, "the firmware waits a second before it asks again"
-    assert one.physics.time_s == pytest.approx(0.0025)
-
-
-def test_after_a_restart_the_time_starts_anew_and_the_body_stays_where_it_is():
-    one = body("initial.eta=[0,0,3,0,0,0]")
-    responder = Responder(one.move)
-    for number in range(400):
-        before = read(responder.answer(packet(number), 0.0))
-    after = read(responder.answer(packet(0), 0.0))
-    assert responder.restarts == 1
-    assert after["timestamp"] == pytest.approx(0.0025)
-    assert after["position"] == pytest.approx(before["position"], abs=1e-3)
+    assert before == pytest.approx(10.0, abs=1e-6)
 
 
 def test_the_sea_is_the_same_at_every_frame_rate():
@@ -106,16 +68,6 @@ def test_the_sea_is_the_same_at_every_frame_rate():
         depths.append(one.physics.state[2])
     assert np.ptp(depths) < 2e-3
     assert abs(depths[0] - 2.0) > 0.01, "the sea does move it"
-
-
-def test_motors_drive_the_body_and_an_output_without_a_pulse_is_at_rest():
-    up, off = body("initial.eta=[0,0,5,0,0,0]"), body("initial.eta=[0,0,5,0,0,0]")
-    # Above 1500 a vertical motor pushes down: below, the four of them lift.
-    for number in range(400):
-        up.move(Asked(400, number, (1500,) * 4 + (1400,) * 4 + (0,) * 8), 0.0025)
-        off.move(Asked(400, number, (0,) * 16), 0.0025)
-    assert up.physics.state[2] < off.physics.state[2] - 0.05
-    assert off.turned_s is None
 
 
 def test_a_loads_time_counts_from_the_first_turn_of_a_motor():

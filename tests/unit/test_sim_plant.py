@@ -114,12 +114,6 @@ def test_energy_decays_with_damping_and_stays_without():
         last = energy(damped, state)
 
 
-def test_water_that_accelerates_moves_a_neutral_body_with_it():
-    # Froude-Krylov and added mass together: (B/g + Za) a = (m + Za) w'
-    acceleration = derivative(plant(), at(), STILL, (0, 0, 0), (0, 0, 0, 0, 0, 0.4))[9]
-    assert acceleration == pytest.approx(0.4)
-
-
 def test_righting_moment_and_its_sign():
     model = plant(centre_of_buoyancy_up_m=0.02)
     roll, pitch = derivative(model, at((0, 0, 5, 0.1, 0.05, 0)), STILL, (0, 0, 0), STILL)[10:12]

@@ -13,7 +13,7 @@ from rich.console import Console
 from companion.records import Ages, Condition, ControlSample, State
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.glossary import STATES, holder
+from companion.telemetry.glossary import STATES
 from dashboard.terminal import watch
 from dashboard.terminal.watch import Look, picture
 from dashboard.vehicles import Fleet, Vehicle
@@ -54,17 +54,6 @@ def test_what_is_stale_is_reported_with_its_age(make_sample: MakeSample) -> None
     assert "never came" in _rows(screen, "north")[0]
     assert "armed or not: unknown in mode unknown" in screen
     assert max(map(len, screen.splitlines())) <= 80
-
-
-@pytest.mark.parametrize("state", list(State))
-def test_every_state_has_its_word(make_sample: MakeSample, state: State) -> None:
-    sample = make_sample()
-    sample = replace(sample, verdict=replace(sample.verdict, state=state, conditions=Condition(0), reason=""))
-    screen = _screen(_fleet(sample))
-    assert state.value.replace("_", " ") in screen
-    said = sample.state
-    who = holder(state, guidance=sample.guided.kind, armed=said.armed, mode=said.mode)
-    assert f"  {who}, authority" in screen
 
 
 def test_a_condition_that_the_reason_names_is_not_repeated(make_sample: MakeSample) -> None:

@@ -4,34 +4,17 @@ import itertools
 import math
 
 import pytest
+from test_paths import LIMITS, SQUARE, polyline
+from test_paths import PLANS as SMOOTH
 
-from companion.config import load_config
 from companion.guidance.course import Course
 from companion.guidance.paths.shapes import build as built
-from companion.guidance.paths.time_law import limits
 from companion.records import ZERO
-from companion.telemetry.plan import (
-    Circle,
-    LawnMower,
-    Lemniscate,
-    PathPlan,
-    Waypoint,
-)
+from companion.telemetry.plan import Circle, PathPlan, Waypoint
 from companion.telemetry.status_line import duration_text, left_text
 
 DT_S = 0.02
-LIMITS = limits(load_config())
-SQUARE = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
-
-
-def polyline(*places, **keys):
-    return PathPlan(waypoint=tuple(Waypoint(x_m=x, y_m=y, depth_m=2.0) for x, y in places), **keys)
-
-
-PLANS = {
-    "circle": PathPlan(circle=Circle(radius_m=2.0), laps=3),
-    "eight": PathPlan(lemniscate=Lemniscate(length_m=4.0, width_m=2.0), acceleration_mps2=0.2),
-    "lawn mower": PathPlan(lawn_mower=LawnMower(length_m=20.0, width_m=6.0, spacing_m=1.5)),
+STOPPING = {
     "stops": polyline(*SQUARE, closed=True, laps=2, corner_m=0.0),
     "waits": PathPlan(
         waypoint=(
@@ -40,11 +23,14 @@ PLANS = {
             Waypoint(x_m=2.0, y_m=3.0),
         )
     ),
-    "slow": polyline((0.0, 0.0), (2.0, 0.0), speed_mps=0.03),
-    "short lines": polyline(*((0.3 * i, 0.3 * (i % 2)) for i in range(20))),
+    "short lines": polyline(*((0.3 * i, 0.3 * (i % 2), 2.0) for i in range(20))),
 }
-
-STOPS = {"stops", "waits", "short lines"}
+PLANS = {
+    "lawn-mower": SMOOTH["lawn-mower"],
+    "laps": PathPlan(circle=Circle(radius_m=2.0), laps=3),
+    "slow": polyline((0, 0, 2), (2, 0, 2), speed_mps=0.03),
+    **STOPPING,
+}
 
 
 def course(plan):
@@ -87,12 +73,12 @@ def test_way_and_time_that_are_left(name):
     assert all(progress_m + left_m == pytest.approx(whole_m, abs=0.01) for _, progress_m, left_m, _ in rows)
     assert (under_way.progress_m, under_way.left_m, under_way.left_s) == (pytest.approx(whole_m), 0.0, 0.0)
     for t_s, _, _, left_s in rows:
-        if name not in STOPS or t_s > 0.6 * took_s:
+        if name not in STOPPING or t_s > 0.6 * took_s:
             assert left_s == pytest.approx(took_s - t_s, abs=0.25 * took_s)
 
 
 def test_the_time_left_follows_the_pace():
-    rows = travelled(begun(PLANS["circle"]), pace=0.5)
+    rows = travelled(begun(PLANS["laps"]), pace=0.5)
     took_s = rows[-1][0]
     t_s, _, _, left_s = next(row for row in rows if row[0] > 0.4 * took_s)
     assert left_s == pytest.approx(took_s - t_s, rel=0.06)
