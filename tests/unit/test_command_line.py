@@ -56,8 +56,6 @@ def test_what_is_not_there_is_named_in_one_line_with_status_2(arguments, capsys,
     [
         (["lab", "campaign", "--dives", "0"], "'0' is not a whole number of 1 or more"),
         (["lab", "campaign", "--first", "-1"], "'-1' is not a whole number of 0 or more"),
-        (["lab", "faults", "--dives", "many"], "'many' is not a whole number of 1 or more"),
-        (["sim", "--seed", "-1"], "'-1' is not a whole number of 0 or more"),
         (["lab", "bench", "dives", "--table", "dives.parquet"], "must end in .csv; pandas or pyarrow"),
         (["sim", "--tcp", "a:99999"], "'a:99999' is not HOST:PORT"),
         (["dashboard", "--listen", "8600"], "'8600' is not HOST:PORT"),

@@ -5,13 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from companion.config import load_config
-from lab.studies.corners import PLACES, TICK_S, Cell, Corners, cycles_s, dive
+from lab.studies.corners import PLACES, TICK_S, Cell, Corners, cycles_s
 from lab.study import parser_of
-from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
 
-BASE = load_plant(DEFAULT_CONFIG)
 NOMINAL = Cell(1.0, 0.15, 0, 0, "waves")
 TIMES_S = TICK_S * np.arange(1000)[:, None]
 LARGEST = np.array([100.0])
@@ -32,13 +28,6 @@ def test_what_the_sea_asks_is_no_limit_cycle() -> None:
     demand = 40.0 * np.sin(2 * math.pi * 0.6 * TIMES_S)
     assert cycles_s(demand, LARGEST, 0.0 * demand)[0] > 15.0
     assert cycles_s(demand, LARGEST, demand)[0] == 0.0
-
-
-def test_the_nominal_vehicle_is_held() -> None:
-    outcome = dive(NOMINAL, load_config(), BASE, 1, duration_s=15.0)
-    assert outcome["held"]
-    assert all(outcome[f"cycle_{place}_s"] < 3.0 for place in PLACES)
-    assert math.isnan(outcome["depth_rms_mm"])  # nothing is measured before it has settled
 
 
 def test_the_report_names_what_was_not_held() -> None:

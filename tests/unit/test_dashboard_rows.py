@@ -136,24 +136,6 @@ def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample
     assert np.isnan(true[[0, 2]]).all()
 
 
-def test_bad_bytes_are_reported_and_change_nothing(make_sample: MakeSample) -> None:
-    seen = Histories()
-    seen.take(
-        [
-            Message("holdfast/kelp/state", b"{}"),
-            Message("sim/kelp/truth", b"["),
-            Message("holdfast/kelp/raw", b"\xff"),
-            Message("holdfast", b""),
-        ],
-        now_s=1.0,
-    )
-    assert "holdfast/kelp/state" in seen.trouble
-    assert seen.vehicles == {}
-    seen.take(_messages(make_sample()), now_s=1.0)
-    seen.take([Message("sim/kelp/truth", b"[" * 100_000)], now_s=1.0)
-    assert seen.vehicles["kelp"].ring.end == 1
-
-
 def test_there_is_an_end_to_vehicles(make_sample: MakeSample, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(vehicles, "MOST_VEHICLES", 2)
     seen = Histories()

@@ -5,12 +5,7 @@ import json
 import numpy as np
 import pytest
 from dive_logs import (
-    COUPLING,
-    LAG_S,
-    LINEAR,
     MASS,
-    QUADRATIC,
-    START_S,
     dive,
     frames,
     steering,
@@ -25,8 +20,7 @@ from dive_logs import (
 
 from companion.config import PRESETS, load_vehicle
 from companion.identify import fit, model
-from companion.identify.model import DELAY, LAG, START, Track, parameters
-from companion.identify.samples import NoDiveError
+from companion.identify.model import DELAY, LAG, Track, parameters
 from companion.records import AXES
 from holdfast import RefusedError
 from lab import commands
@@ -119,16 +113,6 @@ def test_a_stick_that_did_not_act_is_no_command(how, why, tmp_path):
     log = read(write_sticks(SHORT, tmp_path / "dive.tlog", **how), FRAME)
     assert "commands: SERVO_OUTPUT_RAW at 2.0 Hz, too slow to tell delays" in notes_of(log)
     assert why in notes_of(log)
-
-
-def test_where_no_command_acted_the_log_is_refused_with_the_reason(tmp_path):
-    path = tmp_path / "dive.tlog"
-    with path.open("wb") as file:
-        for k in range(SHORT.t_s.size):
-            for frame in (*steering(SHORT, k, armed=False), frames(SHORT, k)[0]):
-                file.write(round(1.7e15 + 5e4 * k).to_bytes(8) + frame)
-    with pytest.raises(NoDiveError, match=r"holds no commands that acted on the vehicle: .* not armed"):
-        read(path, FRAME)
 
 
 @pytest.mark.parametrize(
@@ -254,26 +238,6 @@ def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
 
 
-def test_the_vehicle_that_made_the_log_is_found(long_dive, tmp_path):
-    log = read(write_csv(long_dive, tmp_path / "dive.csv"), FRAME)
-    track = Track(log, FRAME)
-    found = fit.fit([track], load_vehicle(PRESETS / "heavy.toml"))
-    for axis in range(4):
-        assert found.theta[axis] == pytest.approx(MASS[axis], rel=0.05)
-        assert abs(found.theta[axis] - MASS[axis]) < 4.0 * found.sigma[axis] + 0.02 * MASS[axis]
-        speed = found.speeds[axis]
-        assert found.damping_at(axis)[0] == pytest.approx(
-            LINEAR[axis] * speed + QUADRATIC[axis] * speed**2, rel=0.06
-        )
-        assert found.apart(axis)
-    assert found.theta[model.COUPLING] == pytest.approx(COUPLING, abs=0.2)
-    assert found.theta[[LAG, START, DELAY]].sum() == pytest.approx(LAG_S + START_S, abs=0.02)
-    vehicle, notes = fit.vehicle(found, load_vehicle(PRESETS / "heavy.toml"))
-    assert notes["surge.mass"].startswith("sd ")
-    fitted = scored(log, vehicle)["2"]
-    assert max(fitted[axis] or 0.0 for axis in AXES) < 0.02
-
-
 @pytest.fixture(scope="module")
 def base():
     return load_vehicle(PRESETS / "heavy.toml")
@@ -304,20 +268,6 @@ def test_a_time_that_ends_at_its_bound_is_said(base, tmp_path):
     log = read(write_csv(dive(60.0), tmp_path / "dive.csv", late_s=0.8), FRAME)
     said = "\n".join(fit.reported(fit.fit([Track(log, FRAME)], base), base))
     assert "the delay ends at its bound: the times of commands and measurements do not fit together" in said
-
-
-def test_an_axis_that_did_not_move_keeps_the_base_and_is_named(tmp_path):
-    log = read(write_csv(dive(60.0, axes=(2,)), tmp_path / "dive.csv"), FRAME)
-    base = load_vehicle(PRESETS / "heavy.toml")
-    found = fit.fit([Track(log, FRAME)], base)
-    vehicle, notes = fit.vehicle(found, base)
-    assert found.axes == (False, False, True, False)
-    assert vehicle.surge == base.surge
-    assert vehicle.heave.mass == pytest.approx(MASS[2], rel=0.08)
-    assert notes["surge.mass"] == "not identified"
-    assert any(
-        line.startswith("surge: not measured, or it did not move") for line in fit.reported(found, base)
-    )
 
 
 def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_path, capsys):

@@ -128,11 +128,6 @@ def test_the_front_door_is_light(arguments: list[str]) -> None:
         (["run", "--depth", "40", "--set", "supervisor.max_depth_m=30"], "must be 0 to 30 (supervisor."),
         (["run", "--heading", "400"], "--heading = 400: must be -360 to 360"),
         (
-            ["run", "--set", "nonsense=1"],
-            "run: --set nonsense=1: nonsense: unknown key; known here: vehicle,",
-        ),
-        (["sim", "--set", "nonsense=1"], "sim: --set nonsense=1: nonsense: unknown key; known here: hull,"),
-        (
             ["run", "--set", "yaw.learning_rate=1000", "--set", "yaw.compensator=network"],
             "yaw.learning_rate = 1000: mass kappa / learning rate is 0.001 s",
         ),

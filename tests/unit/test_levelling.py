@@ -98,28 +98,6 @@ def test_violent_swings_leave_it_stiff_enough():
     assert min(left) == pytest.approx(LEAST_SHARE)
 
 
-@pytest.mark.parametrize("delay_s", [0.03, 0.08, 0.105])
-def test_a_late_loop_holds_it_in_a_current_and_waves(delay_s):
-    """0.65 m/s from the side turn a tilted Heavy by 4.9 N·m/rad, its weight rights it by 1.3."""
-    both = assembly.levelling(load_config())
-    assert both is not None
-    roll, munk_nm, waves_nm = both[0], 4.9 - 1.3, 1.2
-    state, sent = START, [0.0] * (round(delay_s / TICK_S) + 1)
-    angle = rate = moment = 0.0
-    tilts = []
-    for tick in range(1000):
-        state, asked = stepped(roll, state, angle, rate, 54.0, delay_s)
-        sent.append(asked - roll.lever_m * 54.0)
-        for _ in range(4):
-            moment += (sent[-1 - round(delay_s / TICK_S)] - moment) * 0.25 * TICK_S / LAG_S
-            turns = munk_nm * math.sin(angle) + waves_nm * math.sin(1.57 * tick * TICK_S) - 0.3 * rate
-            rate += 0.25 * TICK_S * (moment + turns) / 0.45
-            angle += 0.25 * TICK_S * rate
-        tilts.append(abs(angle))
-        assert tilts[-1] < 1.0, "it lies on its side"
-    assert math.degrees(max(tilts[500:])) < 16.0
-
-
 def test_it_cancels_what_the_horizontal_thrusters_tilt():
     """They sit below the centre of gravity: (0, 0, z) x (X, Y, 0) = (-z Y, z X, 0)."""
     X, Y = 20.0, -10.0

@@ -103,20 +103,6 @@ def test_mpc_plans_what_the_quadratic_programme_asks_for():
     assert asked == pytest.approx(best[0], rel=0.02)
 
 
-def test_mpc_stays_within_the_largest_force_and_stops_on_its_mark():
-    parameters = mpc.Parameters(0.15, 0.05, 40.0, 0.15, 0.0)
-    state, z, w, f, most = mpc.initial(parameters), 0.2, 0.0, 0.0, 0.0
-    for _ in range(500):
-        state, terms = mpc.step(parameters, state, motion(z, w), DT_S)
-        most = max(most, abs(sum(terms)))
-        f += (sum(terms) - f) * (1.0 - np.exp(-DT_S / 0.15))
-        w += DT_S * f / MASS_KG
-        z += DT_S * w
-        assert z > -0.02
-    assert most == pytest.approx(40.0)
-    assert abs(z) < 2e-3
-
-
 def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station():
     scenario = Scenario("deeper", lambda base, seed: _calm(base), hold(3.0), 16.0, 5)
     dived = alt_hold.dive(scenario, BASE, LinkDelay(), {"PSC_POSZ_P": 4.0})

@@ -17,15 +17,6 @@ def _minute(number: int) -> Minute:
     return Minute(60.0 * number, {"run": 50_000.0 + 40.0 * number})
 
 
-def test_memory_and_lateness_are_told_of_the_whole_soak() -> None:
-    minutes = [_minute(number) for number in range(1, 31)]
-    found = SoakLog([0.1] * 99 + [30.0], recorder=RECORDING, minutes=minutes).figures()
-    assert found["run_memory_mb"] == 50.0
-    assert found["run_slope_kb_h"] == pytest.approx(2_400.0)
-    assert (found["lateness_p50_ms"], found["lateness_max_ms"]) == (0.1, 30.0)
-    assert (found["records"], found["records_lost"]) == (2, 0)
-
-
 @pytest.mark.parametrize(("lost", "dies", "status"), [(0, False, 0), (3, False, 1), (0, True, 1)])
 def test_a_lost_record_or_a_dead_process_ends_with_1(
     lost: int, dies: bool, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
