@@ -3,6 +3,7 @@
 import ast
 import hashlib
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -32,11 +33,12 @@ def digest_of(patterns: Iterable[str], root: Path = ROOT, without: tuple[str, ..
     for pattern in patterns:
         for path in sorted(root.glob(pattern)):
             if not path.relative_to(root).as_posix().startswith(without):
-                digest.update(_code(path))
+                digest.update(_code(path, path.stat().st_mtime_ns))
     return digest
 
 
-def _code(path: Path) -> bytes:
+@cache
+def _code(path: Path, _: int) -> bytes:
     if path.suffix != ".py":
         return path.read_bytes()
     tree = ast.parse(path.read_bytes())
