@@ -1,9 +1,7 @@
 """Every link in the documents leads somewhere, and what they quote is what the program says."""
 
 import ast
-import io
 import re
-import tokenize
 from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
@@ -76,6 +74,7 @@ NO_MODULE = re.compile(r"\.(toml|token|v1|laws|compensators)$")
 SOURCES = sorted(path for name in (*PACKAGES.split("|"), "tests") for path in (ROOT / name).rglob("*.py"))
 
 
+@cache
 def prose(path):
     """A page without its examples; of a program the docstrings and comments."""
     text = path.read_text()
@@ -83,10 +82,10 @@ def prose(path):
         return FENCE.sub("", text)
     strings = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr))
     said = [one.value for one in strings if isinstance(one, ast.Constant) and isinstance(one.value, str)]
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
-    return "\n".join([*said, *(token.string for token in tokens if token.type == tokenize.COMMENT)])
+    return "\n".join([*said, *re.findall(r"(?:^|\s)#.*", text)])
 
 
+@cache
 def is_there(name):
     """Whether a dotted name leads to a module, and what follows stands in it."""
     place, parts = ROOT, name.split(".")

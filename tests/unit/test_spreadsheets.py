@@ -42,9 +42,13 @@ SAVED = {
 }
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return write_csv(dive(12.0), tmp_path_factory.mktemp("dive") / "plain.csv")
+
+
 @pytest.mark.parametrize("saved", SAVED)
-def test_it_is_the_same_table(saved, tmp_path):
-    plain = write_csv(dive(12.0), tmp_path / "plain.csv")
+def test_it_is_the_same_table(saved, plain, tmp_path):
     other = tmp_path / "other.csv"
     other.write_bytes(SAVED[saved](plain.read_text(encoding="utf-8")))
     expected, table = read(plain, FRAME), read(other, FRAME)

@@ -1,5 +1,8 @@
 """One law goes on where another was: its thrust, its reference, what was learnt."""
 
+from copy import copy
+from functools import cache
+
 import numpy as np
 import pytest
 from alone import HOLDS, TICK_S
@@ -22,12 +25,18 @@ def heave(compensator, *more):
     return (f'heave.compensator="{compensator}"', f"heave.learning_rate={rate}", *more)
 
 
-def learnt(compensator, *more, ticks=400):
-    """A controller that has been pushed for a while."""
+@cache
+def pushed(compensator, *more):
     c = at_rest(*heave(compensator, *more))
-    for _ in range(ticks):
+    for _ in range(400):
         sample = tick(c, PUSHED, TARGET)
     return c, sample
+
+
+def learnt(compensator, *more):
+    """A controller that has been pushed for a while."""
+    c, sample = pushed(compensator, *more)
+    return copy(c), sample
 
 
 def after(old, *overrides):

@@ -48,10 +48,10 @@ def test_an_hour_of_telemetry_that_is_exactly_zero_makes_nothing_sure():
     """Without an EKF origin depth and climb are 0 to the last bit."""
     one = learner()
     known = set()
-    for _ in range(3_000):
+    for _ in range(300):
         one.step(Z, (0.0, MODEL.m[Z], MODEL.d1[Z], DT_S), (0.0, 0.0), NONE)
         known.add(repr(one.memory._replace(ticks=0)))
-    assert len(known) == 1, "no tick adds anything: an hour is as this minute"
+    assert len(known) == 1, "no tick adds anything: an hour is as these six seconds"
     assert dived(one, 3.0, LAG_S, 60.0).gain[Z] > 2.0
 
 
@@ -80,8 +80,7 @@ def dived(
     return of.model
 
 
-@pytest.mark.parametrize("dof", [X, Y, Z, PSI])
-@pytest.mark.parametrize("every", [2, 5, 10])
+@pytest.mark.parametrize(("dof", "every"), [(X, 10), (Y, 2), (Z, 5), (PSI, 5)])
 def test_data_that_come_seldom_make_nothing_sure(dof, every):
     """At 5 Hz heave and yaw diverged, and their doubt was 1e-24."""
     model = dived(learner(), 2.0, LAG_S, 20.0, dof=dof, noise=0.003, every=every)
