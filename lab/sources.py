@@ -49,9 +49,7 @@ def _code(path: Path, _: int) -> bytes:
 
 
 def _is_text(line: ast.stmt) -> bool:
-    return (
-        isinstance(line, ast.Expr) and isinstance(line.value, ast.Constant) and type(line.value.value) is str
-    )
+    return isinstance(line, ast.Expr) and isinstance(getattr(line.value, "value", None), str)
 
 
 def measured_code(root: Path = ROOT) -> str:

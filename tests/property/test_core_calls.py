@@ -7,7 +7,7 @@ import math
 from typing import get_type_hints
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion import assembly
@@ -21,6 +21,8 @@ PARAMETERS = {
     frame: assembly.parameters(load_config(overrides=[f"vehicle.frame={frame}"]))
     for frame in ("vectored", "vectored_6dof")
 }
+HALF = settings(max_examples=settings().max_examples // 2)
+"""Of each frame."""
 DT_S, REACH, OURS = 0.02, (0.5, 0.5, 0.5, 0.5, 0.2, 0.2), (True,) * 6
 
 flags = st.tuples(*[st.booleans()] * 4)
@@ -96,6 +98,7 @@ def test_the_types_hold_the_order():
 
 
 @pytest.mark.parametrize("frame", PARAMETERS)
+@HALF
 @given(st.data())
 def test_finite_inputs_give_finite_axes_within_reach_and_none_without_authority(frame, data):
     parameters = PARAMETERS[frame]
@@ -114,6 +117,7 @@ def test_finite_inputs_give_finite_axes_within_reach_and_none_without_authority(
 
 
 @pytest.mark.parametrize("frame", PARAMETERS)
+@HALF
 @given(st.data(), st.integers(0, 3))
 def test_a_number_that_is_not_finite_is_said_and_asks_for_nothing(frame, data, dof):
     parameters = PARAMETERS[frame]

@@ -110,7 +110,7 @@ def test_every_number_has_a_range_whose_ends_are_the_last_that_are_taken(key, sh
     )
     nearly_zero = (5e-324, np.nextafter(beside_zero, 0)) if beside_zero else ()
     numbers = map(float if type(shipped) is float else int, (*beyond, *nearly_zero))
-    for value in (*numbers, math.nan, math.inf, -1e300, 1e300):
+    for value in (*numbers, math.nan, math.inf):
         message = refusal(overrides=[f"{key}={value!r}"])
         assert message.startswith(f"--set {key}={value!r}: {key} = ")
         allowed = f"0, or {beside_zero:g}" if beside_zero else f"{least:g}"

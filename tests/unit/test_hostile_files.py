@@ -6,7 +6,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import lz4.frame
@@ -16,7 +16,7 @@ import zstandard
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard.recording.mcap_file import MAGIC, Item, Reader, Recording
+from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Item, Reader, Recording
 from lab.report.report import main as report
 
 MakeSample = Callable[..., ControlSample]
@@ -172,10 +172,31 @@ def test_hostile_plans(tmp_path: Path) -> None:
     all_refused(tmp_path / "in" / "hostile.plan", encoded(JSONS), ("follow", "kelp", "FILE"))
 
 
-@pytest.mark.parametrize("command", ["record --repair", "report", "lab rerun", "replay"])
-def test_hostile_recordings(tmp_path: Path, command: str) -> None:
-    files = {name: MAGIC + content for name, content in RECORDINGS.items()}
+ONE_READER = ("one lz4 that lies", "length of a chunk", "records", "nothing")
+"""The commands share it: of the last two these are enough."""
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("record --repair", RECORDINGS),
+        ("report", RECORDINGS),
+        ("lab rerun", ONE_READER),
+        ("replay", ONE_READER),
+    ],
+)
+def test_hostile_recordings(tmp_path: Path, command: str, names: Iterable[str]) -> None:
+    files = {name: MAGIC + RECORDINGS[name] for name in names}
     all_refused(tmp_path / "in" / "hostile.mcap", files, (*command.split(), "FILE"))
+
+
+def test_a_file_may_not_unpack_to_more_than_a_recording_does(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(MAGIC + chunk(ZEROS, "zstd") * 256)
+    reader = Reader(path)
+    with pytest.raises(ValueError, match=r"bomb.mcap: no sample in it can be read"):
+        list(reader)
+    assert reader.unpacked_bytes <= FREE_BYTES + MAX_RATIO * path.stat().st_size < 50 << 20
 
 
 def test_hostile_telemetry_logs(tmp_path: Path) -> None:
