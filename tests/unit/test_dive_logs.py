@@ -257,13 +257,6 @@ def test_a_log_whose_commands_are_stamped_late_gives_the_vehicle_and_how_late_th
     assert file.thrusters.lag_s == pytest.approx(found.theta[LAG], rel=1e-3)
 
 
-def test_a_score_finds_each_log_s_constant_force_and_timing(base, tmp_path):
-    found = fit.fit([Track(read(write_csv(dive(60.0), tmp_path / "one.csv"), FRAME), FRAME)], base)
-    other = write_csv(dive(60.0, 2, force=FORCE), tmp_path / "other.csv", late_s=0.2)
-    row = scored(read(other, FRAME), fit.vehicle(found, base)[0])["2"]
-    assert max(row[axis] or 0.0 for axis in AXES) < 0.03
-
-
 def test_a_time_that_ends_at_its_bound_is_said(base, tmp_path):
     log = read(write_csv(dive(60.0), tmp_path / "dive.csv", late_s=0.8), FRAME)
     said = "\n".join(fit.reported(fit.fit([Track(log, FRAME)], base), base))
