@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from companion.core import allocation, oscillation, predictor, reference, thrust
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
 from companion.core.axis import Axis as AxisControl
-from companion.core.compensator import INPUTS, NO_COMPENSATOR, ChosenCompensator, Inputs
+from companion.core.compensator import INPUTS, NO_COMPENSATOR, ChosenCompensator
 from companion.core.controller import Control
 from companion.core.law import ChosenLaw
 from companion.core.levelling import NO_LEVELLING, Levelling, levelling_of
@@ -117,7 +116,7 @@ def observers(config: Config) -> Observers:
 
 def predictor_of(config: Config, dof: int) -> predictor.Parameters:
     """Return the network that predicts the disturbance of a degree of freedom."""
-    axis, V = config.axes[dof], predicting_layer(config.network.seed, config.network.units)
+    axis, V = config.axes[dof], hidden_layer(config, predictor.INPUTS)
     parameters = predictor.Parameters(
         V=V,
         rest=(0.0,) * len(V),
@@ -248,8 +247,7 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     if not name or predicts(axis):
         return NO_COMPENSATOR, 0.0
     functions = known[name]
-    V = hidden_layer(config.network.seed, config.network.units)
-    shared = asdict(config.network) | {"hidden": V}
+    shared = asdict(config.network) | {"hidden": hidden_layer(config, INPUTS)}
     values = asdict(axis) | shared | config.compensators.get(name, {})
     parameters = parameters_of(functions, values, name)
     chosen = ChosenCompensator(
@@ -258,18 +256,10 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     return chosen, functions.integral_gain(parameters)
 
 
-@cache
-def predicting_layer(seed: int, units: int) -> tuple[predictor.Inputs, ...]:
-    """Return V of the network that predicts, a column a unit, each N(0, 1)."""
-    columns = np.random.default_rng(seed).standard_normal((predictor.INPUTS, units)).T.tolist()
-    return tuple((a, b, c, d, e, f, g, h, i, j) for a, b, c, d, e, f, g, h, i, j in columns)
-
-
-@cache
-def hidden_layer(seed: int, units: int) -> tuple[Inputs, ...]:
-    """Return V(0) of the network, a column a unit, each N(0, 1)."""
-    columns = np.random.default_rng(seed).standard_normal((INPUTS, units)).T.tolist()
-    return tuple((a, b, c, d, e, f) for a, b, c, d, e, f in columns)
+def hidden_layer(config: Config, inputs: int) -> tuple[Any, ...]:
+    """Return V of a network at first, a column a unit, each N(0, 1)."""
+    columns = np.random.default_rng(config.network.seed).standard_normal((inputs, config.network.units)).T
+    return tuple(map(tuple, columns.tolist()))
 
 
 def law(config: Config, axis: AxisSection) -> ChosenLaw:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from companion.config import Config
 from companion.guidance.paths.shapes import Path
-from companion.records import Vector, VehicleState
+from companion.records import Vector, VehicleState, X, Y, Z
 from companion.steps import Steps
 from companion.telemetry.schemas import Plan
 
@@ -16,9 +16,7 @@ def drawing(
     path: tuple[Path, Callable[[Vector], Vector]] | None, number: int, config: Config, state: VehicleState
 ) -> Steps[Plan]:
     """Return the path that is followed, and the fence."""
-    x_m: list[float] = []
-    y_m: list[float] = []
-    depth_m: list[float] = []
+    places: list[Vector] = []
     name = ""
     if path is not None:
         shape, placed = path
@@ -26,19 +24,17 @@ def drawing(
         for place in shape.polyline(shape.length_m / POINTS):
             yield 1
             if place is not None:
-                x, y, z, _ = placed((*place, 0.0))
-                x_m.append(round(x, 3))
-                y_m.append(round(y, 3))
-                depth_m.append(round(z, 3))
+                places.append(placed((*place, 0.0)))
+    x_m, y_m, depth_m = (tuple(round(place[i], 3) for place in places) for i in (X, Y, Z))
     fence = config.fence
     return Plan(
         t_s=state.t_s,
         boot_s=state.boot_s,
         number=number,
         name=name,
-        x_m=tuple(x_m),
-        y_m=tuple(y_m),
-        depth_m=tuple(depth_m),
+        x_m=x_m,
+        y_m=y_m,
+        depth_m=depth_m,
         fenced=fence.enabled,
         fence_north_m=fence.north_m,
         fence_east_m=fence.east_m,

@@ -95,15 +95,8 @@ def quantise(
 @lru_cache(maxsize=1)
 def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
     """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch; each command is asked for twice."""
-    surge, sway, heave, yaw, roll, pitch = command
-    return (
-        to_pwm_us(surge),
-        to_pwm_us(sway),
-        to_pwm_us(-heave),
-        to_pwm_us(yaw),
-        to_pwm_us(roll),
-        to_pwm_us(pitch),
-    )
+    surge, sway, up, yaw, roll, pitch = map(to_pwm_us, command._replace(heave=-command.heave))
+    return surge, sway, up, yaw, roll, pitch
 
 
 def motor_demand(pwm_us: Sequence[int]) -> tuple[float, ...]:

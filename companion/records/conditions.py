@@ -17,20 +17,20 @@ class Condition(IntFlag):
     """Exactly when it holds, beyond `text`; docs/supervisor.md gives the values of keys of [supervisor]."""
     remedy: str
     """The operator's next step."""
-    awaited: str
-    """What is awaited: "waiting for: ..."."""
     ended: str
-    """That it has ended. What only requests and steps are has neither this nor the two before."""
+    """That it has ended. What only requests and steps are has neither this nor a remedy."""
+    awaited: str
+    """What is awaited where it forbids engaging: "waiting for: ..."."""
 
     def __new__(
-        cls, text: Any, description: str = "", remedy: str = "", awaited: str = "", ended: str = ""
+        cls, text: Any, description: str = "", remedy: str = "", ended: str = "", awaited: str = ""
     ) -> Self:
         """Give the next bit to the words; `Condition(bits)` looks up what has them."""
         value = 1 << len(cls.__members__)
         condition = int.__new__(cls, value)
         condition._value_ = value
         condition.text, condition.description, condition.remedy = text, description, remedy
-        condition.awaited, condition.ended = awaited, ended
+        condition.ended, condition.awaited = ended, awaited
         return condition
 
     LINK_LOST = (
@@ -38,36 +38,35 @@ class Condition(IntFlag):
         "no message for link_timeout_s, no heartbeat for heartbeat_timeout_s; no message at all while a "
         "sample is stale",
         "check the cable, the router and link.endpoint",
-        "the vehicle's heartbeat",
         "the vehicle is heard",
+        "the vehicle's heartbeat",
     )
     REBOOTED = (
         "the autopilot rebooted",
         "its clock went backwards",
         "find the cause, such as the power supply",
-        "the autopilot's start",
         "the autopilot has started again",
+        "the autopilot's start",
     )
     TICK_LATE = (
         "a tick was too late",
         "of this process, by more than late_tick_s",
         "reduce the load of this computer",
-        "punctual ticks",
         "ticks are punctual",
+        "punctual ticks",
     )
     OTHER_FIRST = (
         "another Holdfast with our ids was here first",
         "frames of our ids that are not ours, or answers to them, within 3 s of its first contact; or they "
         "steer for more than 3 s. If two came together, neither steers",
         "end one of the two: BlueOS extension, service, or run on another computer",
-        "the end of the other Holdfast",
         "the other Holdfast, which was here first, has gone",
+        "the end of the other Holdfast",
     )
     OTHER_CAME = (
         "another Holdfast with our ids has come",
         "as OTHER FIRST, but later: the other one releases the vehicle, and this one continues",
         "end one of the two: BlueOS extension, service, or run on another computer",
-        "being the only Holdfast with our ids",
         "the other Holdfast, which came later, has gone",
     )
     INTERRUPTED = (
@@ -79,93 +78,86 @@ class Condition(IntFlag):
         "telemetry or ticks pause at times",
         "INTERRUPTED less than a minute ago",
         "check cable and router; reduce the load of this computer",
-        "a minute without a pause",
         "telemetry and ticks have not paused for a minute",
     )
     NON_FINITE = (
         "a computed value was not finite",
         "a bug",
         "keep the recording and report it to us",
-        "finite values",
         "computed values are finite",
+        "finite values",
     )
     CLOCK_INCONSISTENT = (
         "the vehicle's clock contradicts itself",
         "stamps and answers to TIMESYNC contradict each other for longer than after one jump",
         "look for a second autopilot with this system id on the link, or a router that changes TIMESYNC",
-        "a consistent clock of the vehicle",
         "the vehicle's clock is consistent",
+        "a consistent clock of the vehicle",
     )
     DELAY_TOO_LONG = (
         "the delay is too long",
         "longer than max_delay_s: too late for any gains",
         "reduce the load of the link; run Holdfast on the vehicle instead of topside",
-        "a shorter delay",
         "the delay is short enough",
+        "a shorter delay",
     )
     DEPTH_JUMPED = (
         "the measured depth jumped",
         "more than max_depth_jump_m from the predicted one: it was rejected; if this continues, DEPTH "
         "STALE follows",
         "check the depth sensor",
-        "a plausible depth",
         "the measured depth is plausible",
+        "a plausible depth",
     )
     DEPTH_STALE = (
         "no fresh depth",
         "no new, plausible one for depth_timeout_s",
         "check that vehicle.depth_source is streamed and changes",
-        "a fresh depth",
         "fresh depth arrives",
+        "a fresh depth",
     )
     ATTITUDE_STALE = (
         "no fresh attitude",
         "no new one for attitude_timeout_s",
         "check that ATTITUDE is streamed",
-        "a fresh attitude",
         "fresh attitude arrives",
+        "a fresh attitude",
     )
     POSITION_STALE = (
         "no fresh position",
         "for position_timeout_s; x and y are wanted: they are released until a position returns; depth and "
         "heading are held",
         "check the DVL; steer by hand meanwhile",
-        "a fresh position",
         "fresh position arrives",
     )
     POSITION_UNUSED = (
         "a position has come, and x and y are not held",
         "Holdfast engaged without it: x and y stay the pilot's until somebody asks for them",
         "hold here (`holdfast hold`), engage again (`holdfast engage`), or go to a place",
-        "x and y that are held",
         "x and y are held, or the position is gone",
     )
     GROUND_LOST = (
         "no fresh altitude over the ground",
         "it is to be kept, and no plausible echo came for a second: the depth is held meanwhile",
         "check the rangefinder or the DVL; command a depth",
-        "a fresh altitude over the ground",
         "fresh altitude over the ground arrives",
     )
     GROUND_DOUBTED = (
         "the range does not answer the vehicle's motion",
         "an altitude is to be kept: the depth is held, and the vehicle nods by 10 cm meanwhile",
         "clean the transducer, check the rangefinder's driver; command a depth",
-        "a range that answers the vehicle's motion",
         "the range answers the vehicle's motion again",
     )
     YAW_RESET = (
         "the EKF reset its yaw",
         "less than 3 s ago; the heading setpoint turned with it, so the vehicle does not",
         "command the heading again if you want another; calibrate the compass if this happens often",
-        "a steady yaw of the EKF",
         "the EKF's yaw is steady",
     )
     POSITION_RESET = (
         "the EKF reset its position",
         "less than 3 s ago; the setpoint was shifted with it, so the vehicle does not move",
         "command the position again if you want another; check the DVL if this happens often",
-        "a steady position of the EKF",
         "the EKF's position is steady",
     )
     DEPTH_RESET = (
@@ -173,7 +165,6 @@ class Condition(IntFlag):
         "less than 3 s ago: its depth jumped without a motion, as where home or origin is set. Depth counts"
         " on from the surface that was known, so the vehicle stays",
         "read the depth here, the ground station's differs; set home and origin at the surface",
-        "a steady zero of the autopilot's depth",
         "the autopilot's zero of depth is steady",
     )
     HEADING_WRONG = (
@@ -183,79 +174,74 @@ class Condition(IntFlag):
         " are held",
         "move away from steel, calibrate the compass, check its orientation; then engage again (`holdfast "
         "engage`, button or dashboard)",
-        "a heading that agrees with the gyro and the course over ground",
         "the heading agrees with the gyro and the course over ground",
     )
     DEPTH_OUT_OF_BOUNDS = (
         "the measured depth is out of bounds",
         "above the surface, or below max_depth_m, by more than depth_margin_m",
         "take over; check the zero of the depth sensor, and max_depth_m",
-        "a depth within its bounds",
         "the measured depth is within its bounds",
+        "a depth within its bounds",
     )
     THRUSTER_MISSED = (
         "a motor gives no thrust, and the others cannot do its work",
         "such as a vertical one of two; the event and `dead_motor` give its number",
         "bring the vehicle up, and repair it",
-        "the thrust of the dead motor",
         "no motor is missed",
+        "the thrust of the dead motor",
     )
     THRUSTER_DEAD = (
         "a motor gives no thrust",
         "the others of its group replace it with less force; event and `dead_motor` give its number",
         "go on with care: there is no second one to spare; if a horizontal one is dead and the vehicle "
         "drifts, turn it by 90°",
-        "the thrust of the dead motor",
         "the others no longer do a motor's work",
     )
     TILTED = (
         "tilted too far",
         "more than max_tilt_deg from its held angle, or from level: only heave and levelling remain",
         "move slower, avoid the current or turn into it; look for a dead or reversed thruster",
-        "a vehicle at its angle",
         "no longer tilted too far",
+        "a vehicle at its angle",
     )
     TILT_PERSISTS = (
         "tilted too far for too long",
         "for off_track_s, and neither levelled nor within 0.3 m of its depth: the autopilot tries, in "
         "STABILIZE and then ALT_HOLD",
         "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
-        "a level vehicle",
         "the lasting tilt has ended",
     )
     EKF_UNHEALTHY = (
         "the autopilot's EKF is unhealthy",
         "no attitude or no depth, or a variance above max_ekf_variance for ekf_doubt_s",
         "wait until the EKF has settled; calibrate the compass, check the depth sensor",
-        "a healthy EKF",
         "the autopilot's EKF is healthy",
+        "a healthy EKF",
     )
     LEAK = (
         "the autopilot reports a leak",
         "Leak Detected less than 25 s ago (it repeats this every 20 s)",
         "bring the vehicle up",
-        "25 s without a report of a leak",
         "no leak has been reported for 25 s",
+        "25 s without a report of a leak",
     )
     BATTERY_LOW = (
         "the battery is low",
         "below min_voltage_v for battery_low_s",
         "bring the vehicle up",
-        "a charged battery",
         "the battery is no longer low",
+        "a charged battery",
     )
     AUTOPILOT_FAILSAFE = (
         "a failsafe of the autopilot is latched",
         "system status 5, while Holdfast steers",
         "read the autopilot's messages",
-        "the end of the autopilot's failsafe",
         "no failsafe of the autopilot is latched",
     )
     FAILSAFE_SURFACES = (
         "a failsafe of the autopilot surfaces the vehicle",
         "a leak, or the battery, changed the flight mode to SURFACE",
         "read the autopilot's messages",
-        "the end of the autopilot's failsafe",
         "no failsafe surfaces the vehicle",
     )
     FAILSAFE_UNSAFE = (
@@ -265,21 +251,20 @@ class Condition(IntFlag):
         "the answers",
         "set FS_PILOT_INPUT to 2, FS_PILOT_TIMEOUT to 3 or less; if they are not read, look for a filter on"
         " the link",
-        "the pilot-input failsafe",
         "the pilot-input failsafe acts",
+        "the pilot-input failsafe",
     )
     PREFLIGHT_FAILURE = (
         "a row of the pre-dive list is refused",
         "such as frame, steering id, InputHold; the reason names it",
         "run `holdfast check`: it says how to fix it",
-        "the pre-dive list",
         "no row of the pre-dive list is refused",
+        "the pre-dive list",
     )
     SATURATED = (
         "not enough thrust",
         "an axis has been saturated for saturated_s; the vehicle may drift away",
         "avoid the current, slow the path down, or raise max_force",
-        "enough thrust",
         "the thrust is enough again",
     )
     OFF_TRACK = (
@@ -287,7 +272,6 @@ class Condition(IntFlag):
         "by more than max_error_m or max_error_deg for off_track_s; the 5 s after a motor was found dead "
         "do not count",
         "look for the cause: tether, current, a dead thruster",
-        "a smaller error",
         "near the setpoint again",
     )
     CLOCK_JUMPED = (
@@ -295,7 +279,6 @@ class Condition(IntFlag):
         "a stamp or an answer to TIMESYNC contradicts the estimated clock offset",
         "a simulator does this on a busy computer; if a real vehicle goes on doing it, look for a second "
         "autopilot with this system id",
-        "a steady clock of the vehicle",
         "the vehicle's clock is steady",
     )
     INNOVATION_LARGE = (
@@ -303,28 +286,25 @@ class Condition(IntFlag):
         "in a held degree of freedom, by more than max_innovation_m or max_innovation_deg: sensor, model "
         "or clock fails",
         "check the noise of depth and heading, and the delays",
-        "measurements that match the prediction",
         "measurements match the prediction",
+        "measurements that match the prediction",
     )
     QUEUE_FULL = (
         "telemetry was dropped",
         "Zenoh did not take it in time",
         "check the subscribers; control is not affected",
-        "room for telemetry",
         "no telemetry is dropped",
     )
     CONFIG_CHANGED = (
         "a setting changed",
         "less than 2 s ago: the configuration or a parameter of the autopilot",
         "find out who changed it, unless it was you",
-        "settings that stay",
         "the settings stay as they are",
     )
     PEER_CHANGED = (
         "a link got another peer",
         "less than 2 s ago: the one before had fallen silent",
         "unless you changed it, list addresses in link.allow or ground_station.allow, or set a signing key",
-        "links that keep their peers",
         "the links keep their peers",
     )
     PILOT_TAKEOVER = (
@@ -332,36 +312,34 @@ class Condition(IntFlag):
         "somebody else moved a stick by more than pilot_deflection less than pilot_hold_s ago, or the "
         "pilot overrides all axes",
         "release the stick; then engage again (`holdfast engage`, button or dashboard)",
-        "the pilot's sticks at rest",
         "the pilot's sticks are at rest",
     )
     PILOT_LOST = (
         "no heartbeat of the pilot's ground station",
         "for ground_station.timeout_s",
         "check the tether and the ground station; when it returns, its sticks take effect at once",
-        "the ground station's heartbeat",
         "the pilot's ground station is heard",
+        "the ground station's heartbeat",
     )
     PILOT_LOST_SURFACE = (
         "no heartbeat of the pilot's ground station: to the surface",
         'as PILOT LOST, and ground_station.on_loss is "surface"',
         "check the tether and the ground station; when it returns, its sticks take effect at once",
-        "the ground station's heartbeat",
         "the pilot's ground station is heard: no ascent",
     )
     DISARMED = (
         "the vehicle is disarmed",
         "",
         "arm the vehicle",
-        "arming",
         "the vehicle is armed",
+        "arming",
     )
     WRONG_MODE = (
         "the flight mode is not the one for steering",
         "it is not vehicle.steering_mode",
         "engage (`holdfast engage`, button or dashboard): Holdfast then requests the mode",
-        "the flight mode for steering",
         "the flight mode is right",
+        "the flight mode for steering",
     )
     RAMPED_DOWN = ("ramped down to neutral", "the authority has reached 0, after ramp_down_s")
     HAND_OVER_HELD = (

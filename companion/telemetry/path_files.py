@@ -56,8 +56,8 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
     items = mission.get("items") if isinstance(mission, dict) else None
     if not isinstance(items, list) or table.get("fileType") != "Plan":
         raise ValueError('fileType, mission.items: want "Plan" and a list, as QGroundControl writes them')
-    places: list[tuple[float, float, float | None]] = []
-    more: list[dict[str, Any]] = []
+    places: list[Degrees] = []
+    waypoints: list[dict[str, Any]] = []
     speed = None
     left_out: set[int] = set()
     for key, item in _simple_items(items, "mission.items"):
@@ -76,12 +76,15 @@ def _plan(text: str, origin: Degrees | None) -> dict[str, Any]:
             raise ValueError(f"{key}.params: want seven numbers")
         hold, radius, _, yaw, latitude, longitude, altitude = params[:7]
         depth = -_number(f"{key}.params[6] (altitude; minus the depth)", altitude, -1e4, 0.0)
-        places.append((*_degrees(f"{key}.params[4..5]", latitude, longitude), depth))
-        more.append(_extra(key, hold, radius, yaw))
-    found = _local(places, origin)
-    found["waypoint"] = [place | extra for place, extra in zip(found["waypoint"], more, strict=True)]
+        places.append(_degrees(f"{key}.params[4..5]", latitude, longitude))
+        waypoints.append({"depth_m": depth} | _extra(key, hold, radius, yaw))
+    if not places:
+        raise ValueError("there is no waypoint in it")
+    for place, waypoint in zip(places, waypoints, strict=True):
+        waypoint["x_m"], waypoint["y_m"] = metres(place, origin or places[0])
     if left_out:
         LOG.warning("mission.items: commands %s are no waypoints, and are left out", sorted(left_out)[:9])
+    found = {"waypoint": waypoints, "relative": origin is None}
     return found | ({"speed_mps": speed} if speed else {})
 
 
@@ -105,18 +108,6 @@ def _simple_items(items: Sequence[Any], key: str) -> Any:
             yield from _simple_items(survey["Items"], f"{key}[{k}].TransectStyleComplexItem.Items")
         else:
             yield f"{key}[{k}]", item
-
-
-def _local(places: Sequence[tuple[float, float, float | None]], origin: Degrees | None) -> dict[str, Any]:
-    """Return the waypoints, north and east of the origin, or else of the first of them."""
-    if not places:
-        raise ValueError("there is no waypoint in it")
-    zero = origin or places[0][:2]
-    waypoints = []
-    for latitude, longitude, depth in places:
-        x_m, y_m = metres((latitude, longitude), zero)
-        waypoints.append({"x_m": x_m, "y_m": y_m, **({} if depth is None else {"depth_m": depth})})
-    return {"waypoint": waypoints, "relative": origin is None}
 
 
 def _degrees(key: str, latitude: Any, longitude: Any) -> Degrees:

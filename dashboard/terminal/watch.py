@@ -172,7 +172,7 @@ def _supervision(vehicle: Vehicle, supervisor: Supervisor, look: Look) -> Iterat
     unsaid = [
         condition.text
         for condition in named(supervisor.conditions) & ~UNSAID
-        if condition.awaited not in supervisor.reason and condition.text not in supervisor.reason
+        if not any(words and words in supervisor.reason for words in (condition.awaited, condition.text))
     ]
     yield Text("; ".join(filter(None, (supervisor.reason, ", ".join(unsaid)))), "dim")
     if supervisor.remedy:
