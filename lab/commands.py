@@ -31,11 +31,9 @@ further benches, each with its own --help:
 examples:
   holdfast lab bench dives --seeds 4                             a quick look: all rows, 4 vehicles
   holdfast lab bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
-  holdfast lab bench position --seeds 4                          places and paths, beside a P-PI
   holdfast lab bench dives --set heave.kappa_per_s=8             the shipped default with another gain
   holdfast lab bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
   holdfast lab bench soak --minutes 120                          two hours, everything live
-  holdfast lab bench firmware                                    our simulator beside the real ArduSub
 """
 PAPER_EXAMPLES = """\
 examples:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from holdfast import files, validation
+from holdfast import validation
 from holdfast.arguments import located
 from holdfast.validation import ConfigError as ConfigError
 from sim_bridge.fault_kinds import Fault
@@ -358,21 +358,13 @@ def fault_of(text: str) -> Fault:
     kind, *parts = (part.strip() for part in text.split(","))
     data: dict[str, Any] = {"kind": kind}
     for part in parts:
-        key, equals, value = part.partition("=")
-        if not equals:
+        if "=" not in part:
             raise ConfigError(f"fault '{text}': expected KIND,key=value,... at '{part}'")
-        data[key] = value if key in ("message", "parameter") else _value(f"fault '{text}'", value)
+        validation.override(data, part)
     try:
         return msgspec.convert(data, Fault)
     except msgspec.ValidationError as error:
         raise ConfigError(f"fault '{text}': {error}") from error
-
-
-def _value(where: str, text: str) -> Any:
-    try:
-        return files.toml(f"value = {text}")["value"]
-    except ValueError as error:
-        raise ConfigError(f"{where}: '{text}' is not a TOML value (quote strings): {error}") from error
 
 
 def _refuse_non_finite(value: object, key: str) -> None:

@@ -179,11 +179,6 @@ class Vehicle:
         )
 
     @property
-    def current_a(self) -> float:
-        """What the battery delivers."""
-        return self.physics.current_a
-
-    @property
     def faults(self) -> tuple[str, ...]:
         """Kinds of the faults that hold now."""
         return self._faults.kinds

@@ -15,6 +15,7 @@ from lab.batch.companion import companion_of
 from lab.batch.compiled import cached, is_ours
 from lab.batch.loop import dive
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
+from lab.loop.dive import rms
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.config import SimConfig
 
@@ -92,11 +93,6 @@ def figures_of(error_m: Array, found: Array, tail_m: Array) -> dict[str, float]:
         "tail_rms_mm": 1e3 * rms(tail_m),
         "tilt_deg": float(np.degrees(np.arccos(np.clip(found[:, 3].min(initial=1.0), -1.0, 1.0)))),
     }
-
-
-def rms(values: Array) -> float:
-    """Return the root of the mean square, 0 of none."""
-    return float(np.sqrt(np.sum(values * values) / max(len(values), 1)))
 
 
 def targets_of(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:

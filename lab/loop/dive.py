@@ -145,8 +145,8 @@ class Dive:
 
 
 def rms(x: Array) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(x * x)))
+    """Return the root of the mean square, 0 of none."""
+    return float(np.sqrt(np.sum(x * x) / max(len(x), 1)))
 
 
 @contextmanager

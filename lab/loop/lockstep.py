@@ -5,7 +5,7 @@ datagrams travel for as long as the link says, the engine ticks. The same seed g
 hour of diving with our stand-in takes a minute or two.
 """
 
-import heapq
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -58,19 +58,18 @@ class LinkDelay:
 class Wire:
     """Datagrams on their way, in the order in which they arrive."""
 
-    _flying: list[tuple[float, int, bytes]] = field(default_factory=list)
-    _count: int = 0
+    _flying: deque[tuple[float, bytes]] = field(default_factory=deque)
+    _last_s: float = 0.0
 
     def put(self, arrives_s: float, data: bytes) -> None:
-        """Send `data` so that it arrives at `arrives_s`; it overtakes nothing that was sent before."""
-        self._count += 1
-        heapq.heappush(self._flying, (arrives_s, self._count, data))
+        """Send `data` so that it arrives at `arrives_s`, but overtakes nothing that was sent before."""
+        self._last_s = max(self._last_s, arrives_s)
+        self._flying.append((self._last_s, data))
 
     def arrived(self, now_s: float) -> Iterator[tuple[float, bytes]]:
         """Give what has arrived by `now_s`, with its time of arrival."""
         while self._flying and self._flying[0][0] <= now_s:
-            arrives_s, _, data = heapq.heappop(self._flying)
-            yield arrives_s, data
+            yield self._flying.popleft()
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,6 @@ class Lockstep:
         self._random = np.random.default_rng(seed)
         self._up, self._down = Wire(), Wire()
         self._tick = 0
-        self._last_up_s = self._last_down_s = 0.0
         self.requests: list[Request] = []
         vehicle.open_link(COMPANION_LINK)
 
@@ -112,8 +110,7 @@ class Lockstep:
             commands = [(COMPANION_LINK, data) for _, data in self._down.arrived(vehicle.time_s)]
             for _, data in vehicle.step(commands):
                 delay_s = link.up_s + link.extra_s(vehicle.time_s) + self._jitter()
-                self._last_up_s = max(self._last_up_s, vehicle.time_s + delay_s)
-                self._up.put(self._last_up_s, data)
+                self._up.put(vehicle.time_s + delay_s, data)
         now_s = vehicle.time_s
         inbox = [(round((START_S + t_s) * 1e9), data) for t_s, data in self._up.arrived(now_s)]
         self._tick += 1
@@ -122,8 +119,7 @@ class Lockstep:
         out, sample = self.engine.step(START_S + now_s, inbox, health, requests)
         for data in out:
             delay_s = link.down_s + link.extra_s(now_s) + self._jitter()
-            self._last_down_s = max(self._last_down_s, now_s + delay_s)
-            self._down.put(self._last_down_s, data)
+            self._down.put(now_s + delay_s, data)
         return Step(now_s, sample, vehicle.truth())
 
     def run(self, duration_s: float, aim: Callable[[float], Setpoint] | None = None) -> Iterator[Step]:

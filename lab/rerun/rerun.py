@@ -32,6 +32,7 @@ from holdfast.arguments import command_parser, removed_option
 from holdfast.gate import bounded
 from lab.identify.readers import kind_of
 from lab.options import add_settings
+from lab.studies.promises import steering as demanded
 
 EXAMPLES = """\
 examples:
@@ -41,7 +42,6 @@ examples:
 
 Exit status: 0 every byte is the same, 1 some bytes differ, 2 the dive cannot be rerun.
 """
-OVERRIDE, MANUAL = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HEADER = 10
 FOREIGN = "is no recording of Holdfast; `holdfast identify --from` finds the vehicle in it"
@@ -156,18 +156,11 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
 
 def _command(frames: Iterable[bytes]) -> list[float]:
     """Return surge, sway, heave (down) and yaw of the last frame that steers, NaN without one."""
-    found = [math.nan] * 4
-    for frame in frames:
-        size = frame[1]
-        payload = frame[HEADER : HEADER + size].ljust(40, b"\0")
-        number = int.from_bytes(frame[7:10], "little")
-        if number == OVERRIDE:
-            heave, yaw, surge, sway = np.frombuffer(payload[4:12], "<u2").astype(float)
-            found = [(surge - 1500) / 400, (sway - 1500) / 400, (1500 - heave) / 400, (yaw - 1500) / 400]
-        elif number == MANUAL:
-            x, y, z, r = np.frombuffer(payload[:8], "<i2").astype(float)
-            found = [x / 1000, y / 1000, (500 - z) / 500, r / 1000]
-    return found
+    steering = [axes for axes in map(demanded, frames) if axes is not None]
+    if not steering:
+        return [math.nan] * 4
+    surge, sway, up, yaw, *_ = steering[-1]
+    return [surge, sway, -up, yaw]
 
 
 def _content(frame: bytes) -> bytes:

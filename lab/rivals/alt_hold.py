@@ -114,14 +114,13 @@ def steered(
     say: Callable[[int], Iterable[bytes]],
 ) -> Iterator[Truth]:
     """Give the truth after each tick of a vehicle to which a ground station says what `say` returns."""
-    wire, last_s, jitter = Wire(), 0.0, np.random.default_rng(seed)
+    wire, jitter = Wire(), np.random.default_rng(seed)
     vehicle.open_link(COMPANION_LINK)
     for tick in range(round(duration_s / TICK_S)):
         now_s = vehicle.time_s
         for data in say(tick):
             delay_s = link.down_s + link.extra_s(now_s) + jitter.uniform(0.0, link.jitter_s)
-            last_s = max(last_s, now_s + delay_s)
-            wire.put(last_s, data)
+            wire.put(now_s + delay_s, data)
         for _ in range(round(TICK_S / vehicle.step_s)):
             vehicle.step([(COMPANION_LINK, data) for _, data in wire.arrived(vehicle.time_s)])
         yield vehicle.truth()

@@ -11,7 +11,7 @@ from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.config_text import with_values
 from companion.telemetry import ranges
 from holdfast import files, validation
-from lab.loop.scenarios import DEPTH_M, water
+from lab.loop.scenarios import DEPTH_M, heaving, water
 from sim_bridge.config import SimConfig
 
 LEAST_LAG_S, _ = validation.bounds(ranges.Lag) or (0.0, 0.0)
@@ -41,21 +41,14 @@ def around(base: SimConfig, seed: int) -> SimConfig:
     """Draw a vehicle near `base`: heave mass, damping, weight, thrust, lag and dead band are never known."""
     draw = np.random.default_rng((seed, 1)).uniform
     hull, thrusters = base.hull, base.thrusters
-    added = list(hull.added_mass)
-    linear, quadratic = list(hull.linear_damping), list(hull.quadratic_damping)
-    added[2] = max(0.0, (hull.mass_kg + added[2]) * draw(0.9, 1.1) - hull.mass_kg)
-    linear[2] *= draw(0.5, 1.5)
-    quadratic[2] *= draw(0.5, 1.5)
+    added_kg = max(0.0, (hull.mass_kg + hull.added_mass[2]) * draw(0.9, 1.1) - hull.mass_kg)
+    linear = hull.linear_damping[2] * draw(0.5, 1.5)
+    quadratic = hull.quadratic_damping[2] * draw(0.5, 1.5)
     strength = draw(0.8, 1.1)
+    buoyancy_n = hull.net_buoyancy_n + draw(-2.0, 2.0)
     drawn = replace(
         base,
-        hull=replace(
-            hull,
-            added_mass=tuple(added),
-            linear_damping=tuple(linear),
-            quadratic_damping=tuple(quadratic),
-            net_buoyancy_n=hull.net_buoyancy_n + draw(-2.0, 2.0),
-        ),
+        hull=heaving(hull, added_kg=added_kg, linear=linear, quadratic=quadratic, buoyancy_n=buoyancy_n),
         thrusters=replace(
             thrusters,
             gain=tuple(strength * gain for gain in thrusters.gain),

@@ -58,23 +58,6 @@ SCENARIOS: Mapping[str, Callable[[int], Trial]] = {
     **{f"osl-{sea}": partial(slow, sea=sea) for sea in ("calm", "waves", "path", "place")},
     **{f"delay-{sea}": partial(delayed, sea=sea) for sea in ("calm", "waves", "path", "place")},
 }
-GOALS: Mapping[tuple[str, str], Mapping[str, tuple[float, float, float]]] = {
-    ("heavy", "rough"): {
-        "depth_sd_mm": (NO, 5.0, NO),
-        "place_rms_mm": (NO, 40.0, NO),
-        "tilt_deg": (NO, 12.0, NO),
-    },
-    ("heavy", "axes"): {"depth_sd_mm": (4.0, 6.0, 9.0), "heading_rms_deg": (0.1, 0.5, 1.5)},
-    ("heavy", "light-waves"): {"depth_sd_mm": (7.0, NO, NO)},
-    ("heavy", "light-path"): {"depth_sd_mm": (7.0, NO, NO)},
-    ("heavy", "tank-place"): {"place_rms_mm": (NO, NO, 40.0), "tilt_deg": (NO, NO, 10.0)},
-    ("tank-heavy", "tank-place"): {"place_rms_mm": (NO, NO, 25.0), "tilt_deg": (NO, NO, 8.0)},
-} | {
-    (preset, f"tank-{sea}"): {"depth_sd_mm": (NO, NO, most_mm)}
-    for preset in ("heavy", "tank-heavy")
-    for sea, most_mm in (("calm", 4.5), ("waves", 4.5), ("path", 5.0))
-}
-"""By preset and scenario, of a figure the goals at each of PARTS; late motors have those of others."""
 
 
 class RealDive(NamedTuple):
@@ -146,11 +129,7 @@ class Reality(Study[RealDive]):
             over = sum(row["outcome"] == TURNED_OVER for row in some)
             turned_over = f", {over} turned over" if over else ""
             line = [f"{preset}, {water}", f"{_held(some)} of {len(some)}{turned_over}"]
-            goals = GOALS.get((preset, water.removesuffix("-late")), {})
-            for key in keys:
-                values = np.percentile([row[key] for row in some], PARTS)
-                goal = f" (goal {_or_dash(goals[key], 'g')})" if key in goals else ""
-                line.append(_or_dash(values, ".1f") + goal)
+            line += [_or_dash(np.percentile([row[key] for row in some], PARTS)) for key in keys]
             lines.append(line)
         return {"columns": ["median/90 %/most", "held", *(FIGURES[key] for key in keys)], "rows": lines}
 
@@ -172,5 +151,5 @@ def _measured(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
     return [key for key in keys if np.isfinite([row[key] for row in rows]).any()]
 
 
-def _or_dash(values: Iterable[float], how: str) -> str:
-    return "/".join(format(value, how) if math.isfinite(value) else "–" for value in values)
+def _or_dash(values: Iterable[float]) -> str:
+    return "/".join(f"{value:.1f}" if math.isfinite(value) else "–" for value in values)
