@@ -1,6 +1,7 @@
 """External physics for ArduSub's JSON backend: what the firmware reads, and when the body moves."""
 
 import json
+import math
 import struct
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed, reply
-from sim_bridge.physics.plant import state_of
+from sim_bridge.physics.plant import GRAVITY, state_of
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
 REST = (1500,) * 16
@@ -36,6 +37,22 @@ def motion(eta=(0.0,) * 6, nu=(0.0,) * 6, acceleration=(0.0, 0.0, 0.0)):
 def body(*overrides):
     config = load_config(HEAVY, ("current.enabled=false", *overrides))
     return DrivenBody(Physics(config, 1), config.battery.voltage_v)
+
+
+def test_rolled_to_starboard_gravity_is_felt_to_port_and_pitched_up_to_the_bow():
+    rolled = read(reply(0.0, motion(eta=(0, 0, 0, 0.5, 0, 0))))["imu"]["accel_body"]
+    assert rolled == pytest.approx([0.0, -GRAVITY * math.sin(0.5), -GRAVITY * math.cos(0.5)])
+    pitched = read(reply(0.0, motion(eta=(0, 0, 0, 0, 0.5, 0))))["imu"]["accel_body"]
+    assert pitched == pytest.approx([GRAVITY * math.sin(0.5), 0.0, -GRAVITY * math.cos(0.5)])
+
+
+def test_position_is_ned_and_velocity_is_turned_from_body_to_ned():
+    said = read(reply(1.0, motion(eta=(3, -2, 7, 0, 0, math.pi / 2), nu=(1, 0.5, 0.25, 0.1, 0.2, 0.3))))
+    assert said["position"] == pytest.approx([3.0, -2.0, 7.0])
+    assert said["velocity"] == pytest.approx([-0.5, 1.0, 0.25], abs=1e-8), "the bow looks east"
+    assert said["imu"]["gyro"] == pytest.approx([0.1, 0.2, 0.3])
+    half = math.sqrt(0.5)
+    assert said["quaternion"] == pytest.approx([half, 0.0, 0.0, half], abs=1e-8)
 
 
 def test_arrays_follow_their_colon_at_once_because_the_firmware_reads_no_space_there():
