@@ -392,8 +392,4 @@ def run(
     manoeuvre: "Manoeuvre | None" = None,
 ) -> int:
     """Run the companion, until a `manoeuvre` is over; return its exit status."""
-
-    async def run() -> int:
-        return await App(config, setpoint, arm=arm, requests=requests, manoeuvre=manoeuvre).run()
-
-    return asyncio.run(run())
+    return asyncio.run(App(config, setpoint, arm=arm, requests=requests, manoeuvre=manoeuvre).run())

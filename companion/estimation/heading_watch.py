@@ -106,7 +106,7 @@ class HeadingWatch:
         """What is reported of the heading."""
         by_gyro = abs(self._gyro_rad) > GYRO_REPORTED_RAD + GYRO_SCALE * abs(self._turned_rad)
         doubtful = by_gyro or self._lost or self._reported_s > LASTS_S
-        return HeadingCheck(self._gyro_rad, self._course_rad, doubtful, self._lost)
+        return HeadingCheck(self._course_rad, doubtful, self._lost)
 
     def turn(self, psi: float, rate: float, dt_s: float, turns: bool) -> None:
         """Take the heading that was measured in a tick, NaN where none was, and the gyro's rate.

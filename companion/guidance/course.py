@@ -99,11 +99,6 @@ class Course:
         return from_here(start, self.place, body=self.place_from == "body")
 
     @property
-    def is_unfinished(self) -> bool:
-        """Whether it is a path that has begun, and not ended."""
-        return self.path is not None and self.begun and not self.done
-
-    @property
     def wants_position(self) -> bool:
         """Whether it is about x or y."""
         return self.path is not None or any(known(self.place)[:2])

@@ -104,8 +104,9 @@ class Sources:
 
     def suspend(self) -> None:
         """Let a path that has begun be resumed later; end a move."""
-        if self.course.is_unfinished:
-            self.course.suspend()
+        course = self.course
+        if course.path is not None and course.begun and not course.done:
+            course.suspend()
         else:
             self.course = Course.none(self.bounds.limits)
 

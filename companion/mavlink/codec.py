@@ -26,6 +26,14 @@ TWICE_S: Final = 1.0
 """Two answers that we did not ask for within this time are another Holdfast's; one may be a coincidence."""
 
 
+def commands_us(frame: WireFrame, link: LinkSection) -> bool:
+    """Tell whether a frame is a ground station's command to our component."""
+    if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != link.system:
+        return False
+    message = frame.message()
+    return (message.target_system, message.target_component) == (link.vehicle_system, link.component)
+
+
 class Sent:
     """What this process sent of late: what else comes with its ids is of another Holdfast."""
 
@@ -107,6 +115,7 @@ class Codec:
         """What arrives of others, where the heartbeat does not come."""
         self.counters = counters or LinkCounters()
         self.sent = Sent()
+        self._link = link
         self._source = (link.system, link.component)
         self._target = (link.vehicle_system, link.vehicle_component)
         self.ours = frozenset({self._source, (link.vehicle_system, link.component)})
@@ -179,18 +188,12 @@ class Codec:
             return False
         return self.sent.answers_another(frame.message(), self._mark, t_s)
 
-    def _is_for_us(self, frame: WireFrame) -> bool:
-        """Tell whether a frame of another sender is steering, or a ground station's command to us."""
-        if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != self._source[0]:
-            return frame.id in STEERING
-        message = frame.message()
-        return (message.target_system, message.target_component) == (self._target[0], self._source[1])
-
     def _open(self, frame: WireFrame, piece: bytes, messages: list[Message]) -> None:
         """Append the frame's message if it is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target
-        rival = not from_vehicle and sender != self._source and self._is_for_us(frame)
+        other = not from_vehicle and sender != self._source
+        rival = other and (frame.id in STEERING or commands_us(frame, self._link))
         if self._signing and (rival or from_vehicle) and not self._signing.accepts(piece):
             self._refuse(frame, piece)
             return

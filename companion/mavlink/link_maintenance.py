@@ -1,7 +1,7 @@
 """What is requested of the autopilot, repeatedly: streams, clock, parameters, mode, arming."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
@@ -123,14 +123,19 @@ class LinkMaintenance:
                 out.append(commands.request_message(message_id))
         if self._is_due("timesync", TIMESYNC_S, now_s):
             out.append(commands.timesync(now_s))
+        return [*out, *self._orders(now_s, self._last, want_mode, want_armed), *self._reads(now_s, confirm)]
+
+    def _orders(
+        self, now_s: float, last: Heartbeat, want_mode: Mode | None, want_armed: bool
+    ) -> Iterator[Message]:
+        """Ask for the mode and for arming until the heartbeat confirms them; for a new mode at once."""
         if want_mode != self._wanted_mode:
             self._wanted_mode = want_mode
             self._next_s.pop("mode", None)
-        if want_mode is not None and self._last.mode != want_mode and self._is_due("mode", COMMAND_S, now_s):
-            out.append(commands.set_mode(want_mode))
-        if want_armed and not self._last.armed and self._is_due("arming", COMMAND_S, now_s):
-            out.append(commands.arm(True))
-        return out + self._reads(now_s, confirm)
+        if want_mode is not None and last.mode != want_mode and self._is_due("mode", COMMAND_S, now_s):
+            yield self._commands.set_mode(want_mode)
+        if want_armed and not last.armed and self._is_due("arming", COMMAND_S, now_s):
+            yield self._commands.arm(True)
 
     def _reads(self, now_s: float, confirm: frozenset[str]) -> list[Message]:
         """Read the parameter that has waited longest, one every PARAMETER_S."""

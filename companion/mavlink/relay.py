@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import NS_PER_S
+from companion.mavlink.codec import commands_us
 from companion.mavlink.frames import HEADERS_OF_BOTH, Splitter, WireFrame, leading_frames
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS
 from companion.mavlink.pilot import TARGETS, override_deflection
@@ -32,7 +33,6 @@ MAX_FRAMES_A_TICK: Final = 64
 HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL
 OVERRIDE: Final = mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
-COMMAND: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 
 
 class _Budget:
@@ -115,7 +115,7 @@ class Relay:
 
     def _withholds(self, t_ns: int, frame: WireFrame, data: bytes) -> bool:
         """Keep the pilot's heartbeat, steering and commands for the engine; tell if it alone gets it."""
-        steering, commands = self._is_steering(frame), self._commands_us(frame)
+        steering, commands = self._is_steering(frame), commands_us(frame, self._link)
         ours = (frame.system, frame.component) in self._ours
         if (steering or commands or ours or self._is_beacon(frame)) and self._believed(frame, data):
             self._heard.append((t_ns, data))
@@ -126,13 +126,6 @@ class Relay:
 
     def _is_steering(self, frame: WireFrame) -> bool:
         return frame.system == self._link.system and _steers(frame, self._link.vehicle_system)
-
-    def _commands_us(self, frame: WireFrame) -> bool:
-        link = self._link
-        if frame.id != COMMAND or frame.system != link.system:
-            return False
-        message = frame.message()
-        return (message.target_system, message.target_component) == (link.vehicle_system, link.component)
 
     def _believed(self, frame: WireFrame, data: bytes) -> bool:
         return self._signing is None or (frame.version == 2 and self._signing.accepts(data))

@@ -115,11 +115,6 @@ class TimestampFile:
                 )
 
 
-def timestamp_path(vehicle: str) -> Path:
-    """Return where the timestamps of a vehicle's links are kept."""
-    return state_directory() / f"signing-{vehicle}.json"
-
-
 def _later(timestamp: int, ahead: int) -> int:
     return min(timestamp + ahead, LATEST)
 
@@ -127,4 +122,6 @@ def _later(timestamp: int, ahead: int) -> int:
 def timestamps_of(config: Config, **signings: Signing | None) -> TimestampFile | None:
     """Return what keeps the timestamps of `signings` over restarts, by link; None without a key."""
     signed = {link: signing for link, signing in signings.items() if signing is not None}
-    return TimestampFile(timestamp_path(config.vehicle.name), signed) if signed else None
+    return (
+        TimestampFile(state_directory() / f"signing-{config.vehicle.name}.json", signed) if signed else None
+    )

@@ -103,12 +103,11 @@ class Current(msgspec.Struct, frozen=True):
 
 
 class HeadingCheck(NamedTuple):
-    """How far the heading is off by the gyro and by the course over ground, rad; NaN where neither tells.
+    """How far the heading is off by the course over ground, rad; NaN where that does not tell.
 
     `doubtful`: it is told. `lost`: by the course so far that no place can be held.
     """
 
-    gyro_rad: float = 0.0
     course_rad: float = math.nan
     doubtful: bool = False
     lost: bool = False

@@ -85,13 +85,13 @@ class State(Record, frozen=True, kw_only=True):
     path_progress_m: Annotated[float, field("along it, laps included", "guided.progress_m")] = 0.0
     path_length_m: Annotated[float, field("of one lap; 0 for a move", "guided.length_m")] = 0.0
     current_north_mps: Annotated[
-        float, field("velocity of the water, and its doubt", "state.current.north_mps")
+        float, field("water's velocity and its doubt", "state.current.north_mps")
     ] = 0.0
-    current_east_mps: Annotated[
-        float, field("velocity of the water, and its doubt", "state.current.east_mps")
-    ] = 0.0
+    current_east_mps: Annotated[float, field("water's velocity and its doubt", "state.current.east_mps")] = (
+        0.0
+    )
     current_doubt_mps: Annotated[
-        float, field("velocity of the water, and its doubt", "state.current.doubt_mps")
+        float, field("water's velocity and its doubt", "state.current.doubt_mps")
     ] = 0.0
     altitude_m: Annotated[float, field("over the ground; absent without an echo")] = 0.0
     depth_offset_m: Annotated[float, field("by how much the autopilot's depth is deeper")] = 0.0
