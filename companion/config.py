@@ -188,7 +188,7 @@ class AxisSection(AxisModel, frozen=True):
     rate_noise: commands.RateNoise = 0.005
     position_noise_slow: commands.SlowPositionNoise = 0.01
     rate_noise_slow: commands.SlowRateNoise = 0.005
-    disturbance_noise: commands.DisturbanceNoise = 2.0
+    disturbance_noise: commands.DisturbanceNoise = 3.0
     sensor_delay_s: Annotated[Delay, means("age of a sample when the autopilot sends it")] = 0.03
 
 
@@ -363,7 +363,7 @@ class Config(Section, frozen=True):
         rate_noise=0.0008,
         position_noise_slow=0.003,
         rate_noise_slow=0.004,
-        disturbance_noise=4.9,
+        disturbance_noise=3.3,
         sensor_delay_s=0.012,
     )
     yaw: YawSection = YawSection(
