@@ -363,7 +363,7 @@ class Config(Section, frozen=True):
         rate_noise=0.0008,
         position_noise_slow=0.003,
         rate_noise_slow=0.004,
-        disturbance_noise=3.3,
+        disturbance_noise=4.1,
         sensor_delay_s=0.012,
     )
     yaw: YawSection = YawSection(

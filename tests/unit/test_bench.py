@@ -169,7 +169,7 @@ def test_a_search_gets_better_and_prices_chatter_and_loss(monkeypatch: pytest.Mo
 def test_a_search_for_the_place_judges_surge_and_sway(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(searching, "TRAINING_S", 3.0)
     shipped = place_knobs_of(CONFIG)
-    soft = {key: 0.25 * value for key, value in shipped.items()}
+    soft = {key: 0.16 * value for key, value in shipped.items()}
     dives = [dive for dive in training(1, around) if dive[0].name == "calm"]
     good, worse = scores(Stage(shipped, place=True), [shipped, soft], configured, BASE, dives)
     assert worse > 2.0 * good
