@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
 from msgspec.structs import asdict
 
 from companion import registry
-from companion.config import AxisSection, Config, ConfigError
+from companion.config import AxisSection, Config, ConfigError, Network
 from companion.core import allocation, oscillation, predictor, reference, thruster_watch
 from companion.core.actuation import Actuation
 from companion.core.allocation import Thrusters
@@ -116,7 +117,7 @@ def observers(config: Config) -> Observers:
 
 def predictor_of(config: Config, dof: int) -> predictor.Parameters:
     """Return the network that predicts the disturbance of a degree of freedom."""
-    axis, V = config.axes[dof], hidden_layer(config, predictor.INPUTS)
+    axis, V = config.axes[dof], hidden_layer(config.network, predictor.INPUTS)
     parameters = predictor.Parameters(
         V=V,
         rest=(0.0,) * len(V),
@@ -247,7 +248,7 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     if not name or predicts(axis):
         return NO_COMPENSATOR, 0.0
     functions = known[name]
-    shared = asdict(config.network) | {"hidden": hidden_layer(config, INPUTS)}
+    shared = asdict(config.network) | {"hidden": hidden_layer(config.network, INPUTS)}
     values = asdict(axis) | shared | config.compensators.get(name, {})
     parameters = parameters_of(functions, values, name)
     chosen = ChosenCompensator(
@@ -256,9 +257,10 @@ def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, f
     return chosen, functions.integral_gain(parameters)
 
 
-def hidden_layer(config: Config, inputs: int) -> tuple[Any, ...]:
+@cache
+def hidden_layer(network: Network, inputs: int) -> tuple[Any, ...]:
     """Return V of a network at first, a column a unit, each N(0, 1)."""
-    columns = np.random.default_rng(config.network.seed).standard_normal((inputs, config.network.units)).T
+    columns = np.random.default_rng(network.seed).standard_normal((inputs, network.units)).T
     return tuple(map(tuple, columns.tolist()))
 
 
