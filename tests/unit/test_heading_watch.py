@@ -15,14 +15,17 @@ STILL = (0.0, 0.0, 0.0, 0.0)
 DT_S = 0.02
 
 
-def watched(error_deg, push_n, current_mps=0.0, seconds=30.0):
-    """Push a mass to and fro, now forward, now to the side, with a heading that is off."""
+def watched(error_deg, push_n, current_mps=0.0, seconds=30.0, answer=1.0):
+    """Push a mass to and fro, now forward, now to the side, with a heading that is off.
+
+    It moves by `answer` of what the model says.
+    """
     watch, v, noise = HeadingWatch(), 0j, np.random.default_rng(1)
     model = NOMINAL._replace(lag_s=(0.02,) * 4)
     for tick in range(round(seconds / DT_S)):
         t_s = tick * DT_S
         push = push_n * complex(math.sin(1.3 * t_s), math.cos(0.9 * t_s))
-        v += push / MASS[0] * cmath.exp(-1j * math.radians(error_deg)) * DT_S
+        v += answer * push / MASS[0] * cmath.exp(-1j * math.radians(error_deg)) * DT_S
         white = 0.003 * complex(*noise.standard_normal(2))
         seen = v + white + current_mps
         tau = (push.real, push.imag, 0.0, 0.0)
@@ -37,6 +40,12 @@ def test_the_course_shows_by_how_much_the_heading_is_off(error_deg):
     check = watched(error_deg, 20.0, current_mps=0.5)
     assert math.degrees(check.course_rad) == pytest.approx(-error_deg, abs=10.0)
     assert check.lost is check.doubtful is (abs(error_deg) > 45.0)
+
+
+@pytest.mark.parametrize(("answer", "lost"), [(0.45, True), (0.25, False)])
+def test_a_backward_compass_is_told_by_half_the_answer_and_not_by_a_quarter(answer, lost):
+    """So little answered a vehicle of 4.5.7 that ran away for good; a countered disturbance answers less."""
+    assert watched(180.0, 20.0, answer=answer).lost is lost
 
 
 def test_a_vehicle_that_is_not_pushed_says_nothing():
