@@ -227,7 +227,11 @@ def axis_control(config: Config, number: int) -> AxisControl:
     return AxisControl(
         gains=gains(config, axis),
         reference=reference.Parameters(axis.max_rate, axis.max_acceleration, angular=number == PSI),
-        oscillation=oscillation.Parameters(axis.max_force, oscillation.SHARES[number] * axis.max_force),
+        oscillation=oscillation.Parameters(
+            axis.max_force,
+            oscillation.SHARES[number] * axis.max_force,
+            first=oscillation.FIRST_SCALES[number],
+        ),
         law=law(config, axis),
         compensator=compensator(config, axis)[0],
         by_observer=by_observer(axis),

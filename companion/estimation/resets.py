@@ -182,7 +182,7 @@ class DepthResets:
         self._peak_m = max(self._peak_m, surprise_m, key=abs)
         if abs(surprise_m) < 0.25 * DEPTH_RESET_M:
             self._usual_noise_m = self._noise_m
-        least_m = max(DEPTH_RESET_M, 3.0 * self._usual_noise_m, 3.0 * self._wander_m)
+        least_m = max(DEPTH_RESET_M, 4.0 * self._usual_noise_m, 3.0 * self._wander_m)
         if max(2.0 * abs(unlike_m), least_m) < abs(surprise_m):
             self._detector.unexplained, self._noise_m = 0.0, self._usual_noise_m
             self.late = True

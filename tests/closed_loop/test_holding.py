@@ -164,6 +164,15 @@ def test_holds_a_vehicle_of_the_ensemble() -> None:
     assert recorded.figures()["depth_rms_mm"] <= 6.0
 
 
+@pytest.mark.parametrize("seed", [905, 908])
+def test_a_weak_vehicle_with_late_thrusters_is_engaged_without_a_cycle(seed: int) -> None:
+    """It floats up, and nothing is known of its thrusters yet: whole gains asked for 90 N, to and fro."""
+    scenario = replace(four(seed)[3], duration_s=10.0)
+    recorded = dive(scenario, load_config(), load_plant(HEAVY), LinkDelay())
+    assert recorded.active[-1]
+    assert np.abs(recorded.thrust_n).max() < 60.0
+
+
 @pytest.mark.parametrize(
     ("compensator", "least_mm", "most_mm"),
     [("none", 3.0, math.inf), ("network", -2.0, 2.0), ("observer", -2.0, 2.0)],
