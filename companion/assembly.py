@@ -60,16 +60,12 @@ def levelling(config: Config) -> tuple[Levelling, Levelling]:
     if not config.levels:
         return NO_LEVELLING, NO_LEVELLING
     chosen, lag_s = config.levelling, config.thrusters.lag_s
-    roll, pitch = (
-        levelling_of(
-            inertia, chosen.frequency_radps, lever_m, chosen.max_moment_nm, lag_s, munk_m(config, along)
-        )
-        for inertia, lever_m, along in (
-            (chosen.roll_inertia, chosen.lever_m, config.sway),
-            (chosen.pitch_inertia, -chosen.lever_m, config.surge),
-        )
+    omega, lever_m, most_nm = chosen.frequency_radps, chosen.lever_m, chosen.max_moment_nm
+    munk_roll, munk_pitch = munk_m(config, config.sway), munk_m(config, config.surge)
+    return (
+        levelling_of(chosen.roll_inertia, omega, lever_m, most_nm, lag_s, munk_roll),
+        levelling_of(chosen.pitch_inertia, omega, -lever_m, most_nm, lag_s, munk_pitch),
     )
-    return roll, pitch
 
 
 def munk_m(config: Config, along: AxisSection) -> float:
@@ -104,7 +100,6 @@ def observers(config: Config) -> Observers:
         nominal,
         (x, y, z, psi),
         hidden_delay_parameters(config, nominal),
-        finds_hidden=True,
         hidden_s=config.thrusters.delay_s,
         lag_s=config.thrusters.lag_s,
         adapts=config.vehicle.adapts,

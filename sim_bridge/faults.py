@@ -80,11 +80,6 @@ class Faults:
         return otherwise if fault is None else fault.value
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of the faults that hold now."""
-        return tuple(dict.fromkeys(fault.kind for fault in self._active))
-
-    @property
     def falsifies_messages(self) -> bool:
         """Whether telemetry has to pass through `alter`, now or later in the script."""
         return any(fault.kind.startswith("message") for fault in self._script)

@@ -178,11 +178,6 @@ class Vehicle:
             self.physics, self.time_s, self.autopilot.motor_pwm, self.autopilot.armed, self.autopilot.mode
         )
 
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """Kinds of the faults that hold now."""
-        return self._faults.kinds
-
     def _receive(self, datagrams: Sequence[tuple[int, bytes]]) -> None:
         for link, data in self._faults.carry("in", datagrams, self.time_s):
             self.open_link(link)

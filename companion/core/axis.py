@@ -107,7 +107,7 @@ def at_rest(axis: Axis, x: float, x_dot: float, d_observer: float) -> AxisMemory
     """Return the memory of one that stays where the vehicle is, and has learnt nothing."""
     return AxisMemory(
         reference=reference.start(axis.reference, x, x_dot),
-        oscillation=oscillation.start(axis.oscillation),
+        oscillation=oscillation.START._replace(gain_scale=axis.oscillation.first),
         law=axis.law.initial(axis.law.parameters),
         learnt=axis.compensator.initial(axis.compensator.parameters),
         mean_d=observed(axis, d_observer),

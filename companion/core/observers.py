@@ -57,7 +57,6 @@ class Observers(NamedTuple):
     model: Model
     tables: Four[Tables]
     hidden: ObserverParameters
-    finds_hidden: bool
     hidden_s: float
     """Hidden delay that is known beforehand."""
     lag_s: float
@@ -391,9 +390,8 @@ def _hidden(observers: Observers, hidden: HiddenDelayState, shown: Shown, gain: 
     """Look for hidden delay in what depth shows."""
     if not math.isnan(shown.begins):
         hidden = hidden_delay.start(shown.begins, hidden.hidden_s)
-    if not (observers.finds_hidden and shown.push.dt_s > 0.0):
-        return hidden
-    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, shown.sample)
+    moves = shown.push.dt_s > 0.0
+    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, shown.sample) if moves else hidden
 
 
 def _motion(dofs: list[Moving]) -> Motion:

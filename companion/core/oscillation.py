@@ -18,9 +18,8 @@ SHARES = (0.1, 0.1, 0.12, 0.04)
 lasts."""
 
 FIRST_SCALES = (1.0, 1.0, 0.5, 1.0)
-"""What of the gains of surge, sway, heave and yaw is there on engaging. Heave is engaged while the vehicle
-floats up, with a thrust and a lag that are not known yet: whole gains went into a cycle in 8 of 48 first
-dives, with up to 101 N; half of them go into none, with up to 58 N (decision 46)."""
+"""What of the gains of surge, sway, heave and yaw is there on engaging: a vehicle that floats up, of unknown
+thrust, swings with whole ones (decision 46)."""
 
 LEVELLING_SHARE = 0.06
 """The same of the largest moment of roll and pitch."""
@@ -63,8 +62,8 @@ MEAN_S = 1.0
 class Parameters(NamedTuple):
     """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS.
 
-    `least` of the gains is left, `first` at the start, and more than `violent` times the limit's mean square
-    counts for more.
+    `least` of the gains is left, `first` is there on engaging; more than `violent` times the limit's mean
+    square counts for more.
     """
 
     max_force: float
@@ -98,11 +97,6 @@ START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf, 0.0, 0)
 """Full gains, and nothing seen yet."""
 
 
-def start(parameters: Parameters) -> State:
-    """Return the gains of the start, and nothing seen yet."""
-    return START._replace(gain_scale=parameters.first)
-
-
 def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s: float) -> State:
     """Take one tick's demand, and the delay that the gains allow for."""
     tau = limited(tau, parameters.max_force)
@@ -114,20 +108,16 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     violent = share > parameters.violent
     counts = share / parameters.violent if violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
-    turned = (fast < 0.0) != (state.fast < 0.0)
-    swings = state.swings + turned if share > 1.0 else 0
+    swings = state.swings + ((fast < 0.0) != (state.fast < 0.0)) if share > 1.0 else 0
     known = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
-    longest_s = AGAIN_S if known else TRANSIENT_S
     goes_on = state.ended_s == 0.0
-    swung = goes_on or swings >= SWINGS or violent
-    cycles = lasts_s > longest_s and swung
-    explained = delay_s > state.delay_s + EXPLAINED_S
+    cycles = (goes_on or swings >= SWINGS or violent) and lasts_s > (AGAIN_S if known else TRANSIENT_S)
     if cycles and not goes_on:
         began_s = delay_s
         ceiling = RELAPSE_SHARE * state.gain_scale if known or violent else 1.0
     elif cycles and swings >= CONFIRMING_SWINGS and state.ceiling == 1.0:
         began_s, ceiling = state.delay_s, RELAPSE_SHARE
-    elif explained:
+    elif delay_s > state.delay_s + EXPLAINED_S:
         began_s, ceiling = math.inf, 1.0
     else:
         began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S

@@ -25,8 +25,7 @@ from lab.study import Row, Study, by, known
 
 LAWS = ("holdfast", "observer", *(f"{law}{how}" for law in RIVALS for how in ("", "_predicted")))
 ROWS = (DEFAULT, *LAWS)
-"""What is shipped, and the laws that a search turns in depth and place. Those with the prediction were not
-searched yet: they dive with their starts."""
+"""What is shipped, and the laws that a search turns in depth and place."""
 
 
 class RivalDive(NamedTuple):
@@ -43,7 +42,7 @@ class Rivals(Study[RivalDive]):
     about = (
         "Holds the vehicles of `bench reality` with other laws, in depth and in place: compiled dives "
         "without MAVLink bytes, the DVL without drift. The rows were tuned on other such vehicles "
-        "(holdfast lab tune ROW), except ppi_predicted, indi_predicted and mpc_predicted: they are not yet."
+        "(holdfast lab tune ROW)."
     )
 
     @classmethod

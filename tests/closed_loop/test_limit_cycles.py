@@ -72,11 +72,8 @@ def test_the_vehicle_of_the_firmware_s_own_simulator_is_held_in_waves():
 
 def test_in_calm_water_it_is_held_in_its_place_too():
     """Surge answers 2.4 times as strongly, sway and heave likewise."""
-    dive = Dive(
-        *("initial.eta=[0,0,1.5,0,0,0]", "sensors.dvl=true"),
-        setpoint=hold(3.0, 0.0, 0.5, -0.3),
-        base=FIRMWARE,
-    )
+    plant = ("initial.eta=[0,0,1.5,0,0,0]", "sensors.dvl=true")
+    dive = Dive(*plant, setpoint=hold(3.0, 0.0, 0.5, -0.3), base=FIRMWARE)
     dive.tap.to_vehicle.append(Somebody().origin())
     dive.until(State.ACTIVE)
     steps = dive.run(26.0)
@@ -91,12 +88,7 @@ def test_in_calm_water_it_is_held_in_its_place_too():
 
 @pytest.mark.parametrize(
     ("gain", "lag_s", "delay_s"),
-    [
-        (3.0, 0.15, 0.15),
-        (2.5, 0.0, 0.0),
-        (2.0, 0.0, 0.15),
-        (0.333, 0.15, 0.0),
-    ],
+    [(3.0, 0.15, 0.15), (2.5, 0.0, 0.0), (2.0, 0.0, 0.15), (0.333, 0.15, 0.0)],
 )
 def test_a_limit_cycle_of_a_vehicle_unlike_the_model_dies_within_three_seconds(gain, lag_s, delay_s):
     """`gain` of all thrusters, their lag, and a delay that TIMESYNC and the echo measure."""

@@ -16,10 +16,7 @@ DT_S = 0.02
 
 
 def watched(error_deg, push_n, current_mps=0.0, seconds=30.0, answer=1.0):
-    """Push a mass to and fro, now forward, now to the side, with a heading that is off.
-
-    It moves by `answer` of what the model says.
-    """
+    """Push a mass, which moves by `answer` of what the model says, with a heading that is off."""
     watch, v, noise = HeadingWatch(), 0j, np.random.default_rng(1)
     model = NOMINAL._replace(lag_s=(0.02,) * 4)
     for tick in range(round(seconds / DT_S)):

@@ -13,6 +13,7 @@ from sim_wire import CONFIG, SET_INTERVAL, Station, is_finite, override, vehicle
 from sim_bridge.commands import shipped
 from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
+from sim_bridge.faults import Faults
 from sim_bridge.listing import listing
 from sim_bridge.zenoh_link import answer
 
@@ -73,16 +74,12 @@ def test_a_stuck_thruster_obeys_nobody():
 
 
 def test_clear_ends_what_holds_and_leaves_what_comes_later():
-    rov = vehicle()
-    for kind, at_s in (("leak", 0.1), ("clear", 0.5), ("ekf", 1.0)):
-        rov.inject(Fault(kind, at_s=at_s))
-    station = Station(rov)
-    station.run(0.4)
-    assert rov.faults == ("leak",)
-    station.run(0.4)
-    assert rov.faults == ()
-    station.run(0.4)
-    assert rov.faults == ("ekf",)
+    faults = Faults(
+        (Fault("leak", at_s=0.1), Fault("clear", at_s=0.5), Fault("ekf", at_s=1.0)), np.random.default_rng(1)
+    )
+    for at_s, held in ((0.4, {"leak"}), (0.8, set()), (1.2, {"ekf"})):
+        faults.advance(at_s)
+        assert {kind for kind in ("leak", "ekf") if faults.holds(kind)} == held
 
 
 def test_a_fault_of_the_command_line():
