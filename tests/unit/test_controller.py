@@ -27,6 +27,7 @@ def tick(c, s, target, *rest, **more):
 def at_rest(*overrides, where=None):
     c = Law(*overrides)
     c.rest(where or state())
+    c.set_gain_scale(1.0)
     return c
 
 
