@@ -18,8 +18,8 @@ SHARES = (0.1, 0.1, 0.12, 0.04)
 lasts."""
 
 FIRST_SCALES = (1.0, 1.0, 0.5, 1.0)
-"""What of the gains of surge, sway, heave and yaw is there on engaging: a vehicle that floats up, of unknown
-thrust, swings with whole ones (decision 46)."""
+"""Share of the gains of surge, sway, heave and yaw with which control begins. With all of heave's, a vehicle
+that floats up and whose thrust is not known yet may swing (decision 46)."""
 
 LEVELLING_SHARE = 0.06
 """The same of the largest moment of roll and pitch."""
@@ -62,8 +62,8 @@ MEAN_S = 1.0
 class Parameters(NamedTuple):
     """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS.
 
-    `least` of the gains is left, `first` is there on engaging; more than `violent` times the limit's mean
-    square counts for more.
+    The gains begin at `first` and fall to `least` at most; more than `violent` times the limit's mean square
+    counts for more.
     """
 
     max_force: float

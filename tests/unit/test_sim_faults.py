@@ -79,7 +79,7 @@ def test_clear_ends_what_holds_and_leaves_what_comes_later():
     )
     for at_s, held in ((0.4, {"leak"}), (0.8, set()), (1.2, {"ekf"})):
         faults.advance(at_s)
-        assert {kind for kind in ("leak", "ekf") if faults.holds(kind)} == held
+        assert {kind for kind in ("leak", "clear", "ekf") if faults.holds(kind)} == held
 
 
 def test_a_fault_of_the_command_line():
