@@ -2,9 +2,13 @@
 
 import ast
 import hashlib
+import io
+import re
+import tokenize
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import TypeGuard
 
 ROOT = Path(__file__).parents[1]
 PROGRAMS = ("companion/**/*.py", "sim_bridge/**/*.py", "config/**/*.toml")
@@ -23,6 +27,8 @@ NOT_DIVED = (
 )
 """Of PROGRAMS what no study runs, and what only tells: how a dive goes does not depend on it."""
 
+SPACES = re.compile(r"(?<=\S) +")
+
 
 def digest_of(patterns: Iterable[str], root: Path = ROOT, without: tuple[str, ...] = ()) -> "hashlib._Hash":
     """Return the SHA-256 of the code in these files under `root`, but not in paths that begin as `without`.
@@ -39,17 +45,24 @@ def digest_of(patterns: Iterable[str], root: Path = ROOT, without: tuple[str, ..
 
 @cache
 def _code(path: Path, _: int) -> bytes:
+    """Return a file's lines of code: every Python that Holdfast supports returns the same."""
     if path.suffix != ".py":
         return path.read_bytes()
-    tree = ast.parse(path.read_bytes())
-    for node in ast.walk(tree):
-        if isinstance(body := getattr(node, "body", None), list):
-            node.body = [line for line in body if not _is_text(line)]  # type: ignore[attr-defined]
-    return ast.dump(tree).encode()
+    text = path.read_text(encoding="utf-8")
+    lines = text.split("\n")
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column]
+    for node in ast.walk(ast.parse(text)):
+        if _is_text(node):
+            for row in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+                lines[row - 1] = ""
+    return "\n".join(SPACES.sub(" ", line.rstrip()) for line in lines if line.strip()).encode()
 
 
-def _is_text(line: ast.stmt) -> bool:
-    return isinstance(line, ast.Expr) and isinstance(getattr(line.value, "value", None), str)
+def _is_text(node: ast.AST) -> TypeGuard[ast.Expr]:
+    return isinstance(node, ast.Expr) and isinstance(getattr(node.value, "value", None), str)
 
 
 def measured_code(root: Path = ROOT) -> str:

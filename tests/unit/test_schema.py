@@ -53,6 +53,16 @@ def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) ->
         assert results_page.made(measured, measured_code(tmp_path)).endswith(f"{said}\n")
 
 
+def test_every_python_makes_the_same_digest_of_the_code(tmp_path: Path) -> None:
+    source = tmp_path / "companion" / "law.py"
+    source.parent.mkdir()
+    text = 'def say(z_m: float) -> str:\n    """Say it."""\n    # aloud\n    return f"{z_m:.1f} m"  # so\n'
+    source.write_text(text, encoding="utf-8")
+    assert measured_code(tmp_path) == "fbe3a15dcc2ad0ef"
+    source.write_text(text.replace("so", "and so on").replace("Say it", "Say\n\n    # it"), encoding="utf-8")
+    assert measured_code(tmp_path) == "fbe3a15dcc2ad0ef"
+
+
 def test_every_field_that_is_published_is_described() -> None:
     for record in {*telemetry.EVERY_TICK.values(), *telemetry.NOW_AND_THEN.values(), telemetry.Reply}:
         fields = json.loads(schema.schemas()[f"{record.__name__}.json"])["$defs"][record.__name__]
