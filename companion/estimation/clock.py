@@ -61,6 +61,8 @@ class AutopilotClock:
         self._doubted_s = (math.inf, -math.inf)
         """Since when contradictions have come, and when the newest came."""
         self._answered_s = -math.inf
+        self._taken_s: deque[float] = deque(maxlen=ANSWERS)
+        """When the questions were asked that were answered."""
         self._questions: deque[tuple[float, float]] = deque()
         """When the newest answers arrived, and the upper bounds that they gave."""
 
@@ -68,13 +70,16 @@ class AutopilotClock:
         """Take one TIMESYNC answer: sent and arrived on our clock, `boot_s` on the autopilot's in between.
 
         Return whether it is believed. One that contradicts the clock is not; a second one in a row that
-        agrees with the first sets the clock again.
+        agrees with the first sets the clock again. A second answer to one question can only contradict.
         """
         if not 0.0 <= arrived_s - sent_s <= MAX_ROUND_TRIP_S:
             return False
         answer = OffsetBounds(boot_s - arrived_s, boot_s - sent_s)
-        odd, self._odd = self._odd, None
         agrees = self._bounds.admits(answer)
+        if agrees and sent_s in self._taken_s:
+            return False
+        self._taken_s.append(sent_s)
+        odd, self._odd = self._odd, None
         if not agrees:
             former, doubted_s = self._former
             self._contradicted(arrived_s, arrived_s - (doubted_s if former.admits(answer) else 0.0))

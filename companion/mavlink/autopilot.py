@@ -93,7 +93,7 @@ class Autopilot:
                 continue
             if (frame.system, frame.component) not in self._codec.ours:
                 pilots += pilot_events(frame, t_s, self.origin)
-            elif self._codec.is_others(t_s, frame, data):
+            elif self._codec.is_others(frame, data):
                 others.append(OtherHoldfast(t_s, frame.id in STEERING))
         return [*self._freshness.drop_stale(events), *others, *pilots]
 
@@ -111,7 +111,6 @@ class Autopilot:
         The parameters in `confirm` are read again at once.
         """
         self.heard.now_s = now_s
-        self._codec.sent.advance(now_s)
         if self._signing is not None:
             self._signing.advance(now_s)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)

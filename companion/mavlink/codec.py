@@ -19,11 +19,14 @@ STEERING: Final = frozenset(
     {mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE}
 )
 
-ECHO_S: Final = 2.0
-"""So long after a frame was sent a router may bring it back."""
+REMEMBERED: Final = 8192
+"""Frames that we sent, at least: of the last two minutes at 64 a second."""
 
-TWICE_S: Final = 1.0
-"""Two answers that we did not ask for within this time are another Holdfast's; one may be a coincidence."""
+QUESTIONS: Final = 512
+"""TIMESYNC questions that we asked, of as long a time."""
+
+THRICE_S: Final = 1.0
+"""Three answers to another's questions within this time are another Holdfast's; fewer may be by chance."""
 
 
 def commands_us(frame: WireFrame, link: LinkSection) -> bool:
@@ -35,33 +38,52 @@ def commands_us(frame: WireFrame, link: LinkSection) -> bool:
 
 
 class Sent:
-    """What this process sent of late: what else comes with its ids is of another Holdfast."""
+    """What this process sent in the last minutes: what else comes with its ids is of another Holdfast."""
 
     def __init__(self) -> None:
-        self.frames: dict[bytes, float] = {}
-        """When each was sent, oldest first."""
-        self._asked: deque[int] = deque(maxlen=64)
-        self._now_s, self._unasked_s = 0.0, -math.inf
+        self._frames, self._older = set[int](), set[int]()
+        """Their hashes, in two generations."""
+        self._asked: dict[int, int] = {}
+        """By ts1 of our TIMESYNC questions, oldest first: the first answer's tc1, 0 before it."""
+        self._answered_ns = 0
+        self._unasked_s: deque[float] = deque((-math.inf,) * 3, maxlen=3)
 
-    def advance(self, now_s: float) -> None:
-        """Forget what was sent more than ECHO_S ago."""
-        self._now_s = now_s
-        while self.frames and next(iter(self.frames.values())) < now_s - ECHO_S:
-            del self.frames[next(iter(self.frames))]
+    def __contains__(self, frame: bytes) -> bool:
+        digest = hash(frame)
+        return digest in self._frames or digest in self._older
 
     def add(self, frame: bytes, message: Message) -> None:
         """Take what is sent now."""
-        self.frames.pop(frame, None)
-        self.frames[frame] = self._now_s
+        if len(self._frames) >= REMEMBERED:
+            self._frames, self._older = set(), self._frames
+        self._frames.add(hash(frame))
         if message.MESSAGE_ID == mavlink.MAVLINK_MSG_ID_TIMESYNC:
-            self._asked.append(message.ts1)
+            self._asked[message.ts1] = 0
+            if len(self._asked) > QUESTIONS:
+                del self._asked[next(iter(self._asked))]
+
+    def answers_us(self, message: Message) -> bool:
+        """Tell whether a TIMESYNC answers a question of ours, and does not repeat its first answer.
+
+        Another answer to the same question is a second autopilot's, or came another way.
+        """
+        first_ns = self._asked.get(message.ts1)
+        if message.tc1 == 0 or first_ns is None or message.tc1 == first_ns:
+            return False
+        if first_ns == 0:
+            self._asked[message.ts1] = self._answered_ns = message.tc1
+        return True
 
     def answers_another(self, message: Message, mark: int, t_s: float) -> bool:
-        """Tell whether a TIMESYNC answers what another with our `mark` asked."""
-        if message.tc1 == 0 or message.ts1 % MARKS != mark or message.ts1 in self._asked:
+        """Tell whether a TIMESYNC, with two before it, answers what another with our `mark` asks now.
+
+        What is older than our own newest answer was recorded.
+        """
+        answers_now = message.tc1 > 0 and message.tc1 >= self._answered_ns
+        if not answers_now or message.ts1 % MARKS != mark or message.ts1 in self._asked:
             return False
-        last_s, self._unasked_s = self._unasked_s, t_s
-        return 0.0 <= t_s - last_s <= TWICE_S
+        self._unasked_s.append(t_s)
+        return 0.0 <= t_s - self._unasked_s[0] <= THRICE_S
 
 
 class Packer:
@@ -141,9 +163,9 @@ class Codec:
                 self.counters.garbage += not self._in_junk
                 self.heard.junk(piece)
             else:
-                if self.is_others(t_s, frame, piece):
+                if self.is_others(frame, piece):
                     self.others.append(frame)
-                self._open(frame, piece, messages)
+                self._open(t_s, frame, piece, messages)
             self._in_junk = frame is None
         return messages
 
@@ -173,22 +195,21 @@ class Codec:
         old = self._signing is not None and self._signing.sender(piece) is Sender.BEHIND
         self.heard.frame(frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
 
-    def is_others(self, t_s: float, frame: WireFrame, piece: bytes) -> bool:
-        """Tell whether a frame is another Holdfast's with our ids, or the vehicle's answer to one.
+    def is_others(self, frame: WireFrame, piece: bytes) -> bool:
+        """Tell whether a frame with our ids is another Holdfast's.
 
-        Our own frames come back from some routers. Others pass no frame on to where the same ids are; the
-        answers to what it asks come everywhere.
+        Our own come back from some routers, at once or much later, and somebody may have recorded them: then
+        we sent them, or their signature is no later than our last.
         """
-        sender = (frame.system, frame.component)
-        if sender in self.ours:
-            if frame.version != 2 or piece in self.sent.frames:
-                return False
-            return self._signing is None or self._signing.accepts(piece)
-        if sender != self._target or frame.id != mavlink.MAVLINK_MSG_ID_TIMESYNC:
+        if (frame.system, frame.component) not in self.ours or frame.version != 2:
             return False
-        return self.sent.answers_another(frame.message(), self._mark, t_s)
+        if self._signing is None:
+            return piece not in self.sent
+        others = self._signing.accepts(piece)
+        self.counters.refused += not others
+        return others
 
-    def _open(self, frame: WireFrame, piece: bytes, messages: list[Message]) -> None:
+    def _open(self, t_s: float, frame: WireFrame, piece: bytes, messages: list[Message]) -> None:
         """Append the frame's message if it is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target
@@ -209,4 +230,9 @@ class Codec:
             self.counters.foreign += 1
             return
         self.counters.messages += 1
+        if frame.id == mavlink.MAVLINK_MSG_ID_TIMESYNC and not self.sent.answers_us(message):
+            # Some routers pass no frame on to where the same ids are; answers come everywhere.
+            if self.sent.answers_another(message, self._mark, t_s):
+                self.others.append(frame)
+            return
         messages.append(message)

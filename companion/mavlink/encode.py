@@ -3,6 +3,7 @@
 Source: docs/ardusub.md, "Who may steer", "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "Modes and arming".
 """
 
+import math
 from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -19,8 +20,8 @@ COMMAND_LONG: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_LONG)
 SET_GPS_GLOBAL_ORIGIN: Final = message_type(mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN)
 TIMESYNC: Final = message_type(mavlink.MAVLINK_MSG_ID_TIMESYNC)
 PARAM_REQUEST_READ: Final = message_type(mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ)
-MARKS: Final = 1000
-"""What is below a microsecond in our TIMESYNC tells whose question it is, as ArduSub does in its own."""
+MARKS: Final = 10_000
+"""What is below 10 µs in our TIMESYNC tells whose question it is, as ArduSub does in its own."""
 
 
 def clock_mark(system: int, component: int) -> int:
@@ -109,7 +110,7 @@ class Commands:
 
     def timesync(self, now_s: float) -> Message:
         """Ask for the autopilot's clock; the answer carries our `now_s` back."""
-        return TIMESYNC(ts1=round(now_s * 1e6) * MARKS + self._mark)
+        return TIMESYNC(ts1=math.floor(now_s * 1e9 / MARKS) * MARKS + self._mark)
 
     def read_parameter(self, name: str) -> Message:
         """Ask for a parameter's value; `name` has at most 16 ASCII characters."""

@@ -74,8 +74,13 @@ class Signing:
         return self._timestamp
 
     def signed(self, frame: bytes) -> bytes:
-        """Return a frame, whose flags tell that it is signed, with its signature and the next timestamp."""
-        frame += bytes((self.link_id,)) + self.next_timestamp().to_bytes(6, "little")
+        """Return a frame, whose flags tell that it is signed, with its signature and the next timestamp.
+
+        One of the same stream that is no later is this one, or a replay: `accepts` refuses it.
+        """
+        timestamp = self.next_timestamp()
+        self._seen[self.link_id, frame[5], frame[6]] = timestamp
+        frame += bytes((self.link_id,)) + timestamp.to_bytes(6, "little")
         return frame + self._signature(frame)
 
     def accepts(self, frame: bytes) -> bool:

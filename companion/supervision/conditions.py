@@ -173,7 +173,7 @@ RULES: dict[Condition, Rule] = {
     C.SURFACED: Rule(lambda now, _: now.hand_over is HandOverStep.SURFACED),
     C.HAND_OVER_REFUSED: Rule(lambda now, _: now.hand_over is HandOverStep.REFUSED),
     C.OPERATOR_STOP: Rule(lambda now, _: Request.STOP in now.observed.requests),
-    C.ENGAGE_ASKED: Rule(lambda now, _: now.engage),
+    C.ENGAGE_ASKED: Rule(lambda now, _: now.engage and now.watched.listened),
     C.CLEAR_ASKED: Rule(lambda now, _: Request.CLEAR_FAULT in now.observed.requests),
 }
 

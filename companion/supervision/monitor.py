@@ -47,6 +47,8 @@ DEPTH_HELD_M = 0.3
 OTHER_S = 3.0
 """Another Holdfast that is heard sooner after our contact was first; unheard for so long, it has gone. One
 that came later steers no longer than this, or believes itself to be first."""
+LISTENS_S = 1.0
+"""So long another Holdfast takes at most to be heard: nobody engages sooner after the contact."""
 
 NEVER = -math.inf
 
@@ -106,6 +108,7 @@ class Monitor:
         watched.failsafe = self._failsafe()
         watched.other_first = other_here and self._other_first
         watched.other_came = other_here and not self._other_first
+        watched.listened = self._contact_s is not None and now_s - self._contact_s >= LISTENS_S
         watched.rebooted = now_s - self._rebooted_t_s <= ANNOUNCED_S
         watched.leaking = now_s - self._leak_t_s <= LEAK_REPEAT_S
         watched.unsteady = now_s - self._interrupted_t_s <= STEADY_S

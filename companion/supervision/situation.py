@@ -68,6 +68,8 @@ class Watched(msgspec.Struct, kw_only=True):
     other_first: bool = False
     other_came: bool = False
     """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
+    listened: bool = True
+    """Whether our contact has lasted long enough for another Holdfast to be heard."""
     interrupted_s: float = 0.0
     """How long steering was interrupted of late; the time between interruptions takes a part off."""
     unsteady: bool = False

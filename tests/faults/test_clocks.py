@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Dive, active, shared
 
 from companion.records import Condition, State
-from lab.loop.lockstep import START_S
+from lab.loop.lockstep import START_S, LinkDelay
 
 TIMESYNC = "TIMESYNC"
 DOUBT_S = 2.0
@@ -122,6 +122,41 @@ def test_clocks_that_go_on_contradicting_each_other_are_handed_over(what, value_
         State.HAND_OVER,
     ]
     assert "clock" in dive.step.sample.verdict.reason
+
+
+class Asked:
+    """Answers of the autopilot to questions that are not ours: of a clock that is ahead of ours."""
+
+    def __init__(self, each_s, ahead_s):
+        self._packer, self._each_s, self._ahead_s, self._next_s = (
+            mavlink.MAVLink(None, 1, 1),
+            each_s,
+            ahead_s,
+            0.0,
+        )
+        self.boot_s = 0.0
+
+    def __call__(self, t_s, inbox):
+        if t_s < self._next_s:
+            return inbox
+        self._next_s, now_s = t_s + 0.25, START_S + t_s
+        sent_s = min(now_s - 2.0 * self._each_s + self._ahead_s, now_s - 0.001)
+        answer = mavlink.MAVLink_timesync_message(
+            round((self.boot_s + t_s - self._each_s) * 1e9), round(sent_s * 1e9)
+        )
+        return [*inbox, (round(now_s * 1e9), bytes(answer.pack(self._packer)))]
+
+
+@pytest.mark.parametrize(("each_s", "ahead_s"), [(0.06, 0.1), (0.09, 0.13), (0.12, 0.2)])
+def test_answers_to_somebody_elses_questions_hide_no_delay(each_s, ahead_s):
+    dive = Dive(link=LinkDelay(each_s, each_s, 0.004)).until(State.ACTIVE, 14.0)
+    dive.run(4.0)
+    told = dive.step.sample.state
+    dive.tap.spoil = asked = Asked(each_s, ahead_s)
+    asked.boot_s = told.boot_s - told.t_s + START_S
+    dive.run(20.0)
+    assert dive.step.sample.state.delays.total_s == pytest.approx(told.delays.total_s, abs=0.02)
+    assert dive.step.sample.state.delays.telemetry_s > each_s
 
 
 def test_two_autopilots_are_not_engaged():

@@ -172,6 +172,17 @@ def test_a_clock_that_was_set_anew_is_believed_by_its_second_answer():
     assert meter.clock.doubt_s(late_s + 1.28) == 0.0
 
 
+def test_a_second_answer_to_one_question_narrows_nothing():
+    """Who read the question off the wire answers as well: 20 ms of the way would be left of 60."""
+    m = meter()
+    for k in range(40):
+        t_s = 1000.0 + 0.25 * k
+        m.timesync(t_s, t_s + 0.12, t_s + 0.06 + BOOT_S)
+        m.timesync(t_s, t_s + 0.121, t_s + 0.101 + BOOT_S)
+        m.timesync(t_s, t_s + 0.122, t_s + 0.02 + BOOT_S)
+    assert m.clock.offset_s == pytest.approx(BOOT_S, abs=1e-6)
+
+
 def test_a_clock_that_runs_slow_is_followed_and_does_not_pass_for_two():
     """A simulator on a busy machine: its clock loses a tenth."""
     m, doubts = meter(), []
