@@ -8,10 +8,10 @@ from pathlib import Path
 from companion.config import SupervisorLimits, load_config
 from companion.core import tilt
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import BLOCKING, FREEZES, MOST_INTERRUPTED, SAMPLE_S, WARNS
+from companion.supervision.conditions import BLOCKING, FREEZES, MOST_LOST, SAMPLE_S, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.monitor import RECOVERS_PER_S, STEADY_S
-from companion.supervision.supervisor import transition
+from companion.supervision.supervisor import RESUME_S, transition
 from companion.telemetry.glossary import COURSES, STATES, title
 
 KEY = re.compile(rf"\b({'|'.join(SupervisorLimits.__struct_fields__)})\b")
@@ -42,12 +42,14 @@ INTERRUPTIONS = f"""\
 
 While ACTIVE, thrust is neutral as soon as depth or attitude is older than its timeout, or a tick was later
 than `late_tick_s` (INTERRUPTED). Setpoint, path and held axes stay. When telemetry and ticks are back,
-Holdfast goes on from where the vehicle is, without what the compensator had learnt. UNSTEADY warns until
-{STEADY_S:g} s after the last pause.
+Holdfast goes on from where the vehicle is, without what the compensator had learnt, with full authority
+after {RESUME_S:g} s. UNSTEADY warns until {STEADY_S:g} s after the last pause.
 
 While ACTIVE, LINK LOST, DEPTH STALE, ATTITUDE STALE and TICK LATE begin only after `link_timeout_s` (depth
-and attitude {SAMPLE_S:g} s later, a sample of a slow source), or at their own timeouts if the interruptions
-add up to {MOST_INTERRUPTED:g} times `link_timeout_s`; each second without one subtracts {RECOVERS_PER_S:g} s.
+and attitude {SAMPLE_S:g} s later, a sample of a slow source). INTERRUPTED OFTEN hands over as soon as
+interruptions have taken more than {MOST_LOST:g} times `link_timeout_s` of full authority; each second with
+full authority subtracts {RECOVERS_PER_S:g} s. So over any 10 s the mean authority is at least 0.8, or control
+ends.
 
 If only telemetry is interrupted, the vehicle gets neutral frames: it drifts, rises or sinks. If commands do
 not reach it, or this process pauses, the vehicle **keeps the last command**: only the pilot-input failsafe

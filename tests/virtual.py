@@ -38,6 +38,43 @@ def message_id(frame):
     return frame[7] | frame[8] << 8 | frame[9] << 16
 
 
+def pieces(data):
+    """The frames (MAVLink 2) of a datagram, each with its message's id."""
+    while data:
+        signature = 13 if data[2] & 1 else 0
+        frame, data = data[: 12 + data[1] + signature], data[12 + data[1] + signature :]
+        yield message_id(frame), frame
+
+
+def rewritten(changes):
+    """What `Tap.spoil` may be: fields of messages are what `changes` makes of them and of their first value.
+
+    `changes` has functions of (value, first value) by message and field: {"VFR_HUD": {"climb": freeze}}.
+    """
+    ids = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}"): fields for name, fields in changes.items()}
+    reader, writer = mavlink.MAVLink(None), mavlink.MAVLink(None, 1, 1)
+    first: dict[tuple[int, str], object] = {}
+
+    def spoil(_, inbox):
+        return [(at, b"".join(map(spoilt, pieces(data)))) for at, data in inbox]
+
+    def spoilt(piece):
+        kind, frame = piece
+        if kind not in ids:
+            return frame
+        message = reader.parse_buffer(frame)[0]
+        for field, change in ids[kind].items():
+            value = getattr(message, field)
+            setattr(message, field, change(value, first.setdefault((kind, field), value)))
+        return bytes(message.pack(writer))
+
+    return spoil
+
+
+def freeze(value, first):
+    return first
+
+
 class Somebody:
     """Another MAVLink sender, such as a ground station with a joystick."""
 

@@ -74,6 +74,13 @@ class Condition(IntFlag):
         "while ACTIVE depth or attitude is too old to steer by, or a tick was too late: thrust is neutral "
         "([short interruptions](#short-interruptions))",
     )
+    INTERRUPTED_OFTEN = (
+        "telemetry or ticks pause too often",
+        "interruptions leave less than 0.8 of the authority as a mean over 10 s: ALT_HOLD does better",
+        "look for what lowers the rate of ATTITUDE or of vehicle.depth_source, such as a ground station; "
+        "check cable and router; reduce the load of this computer",
+        "telemetry and ticks no longer pause too often",
+    )
     UNSTEADY = (
         "telemetry or ticks pause at times",
         "INTERRUPTED less than a minute ago",

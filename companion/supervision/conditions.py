@@ -10,7 +10,7 @@ from typing import NamedTuple
 from companion.config import SupervisorLimits
 from companion.records import Condition, Request, State, X, Z
 from companion.supervision.handover import HandOverStep
-from companion.supervision.situation import Situation, interrupted, pilot_failsafe_acts, tilted
+from companion.supervision.situation import Situation, interruption, pilot_failsafe_acts, tilted
 
 C, S = Condition, State
 NOTHING = Condition(0)
@@ -21,8 +21,8 @@ RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
 SAMPLE_S = 0.1
 """Between two values of the slowest source of depth: a silence of the link looks longer by so much."""
-MOST_INTERRUPTED = 2.0
-"""Interruptions are ridden out until their sum is so many times `link_timeout_s`."""
+MOST_LOST = 0.8
+"""What interruptions may take of the authority, times `link_timeout_s`: one that ends in time always fits."""
 
 
 class Rule(NamedTuple):
@@ -42,10 +42,9 @@ def _bound_s(
 ) -> float:
     """Return from what age of a signal on we give up, whose timeout is given.
 
-    While ACTIVE it is `link_timeout_s`: until then it is INTERRUPTED, unless that was so for too long.
+    While ACTIVE it is `link_timeout_s`: until then it is INTERRUPTED.
     """
-    rides_out = now.active and now.watched.interrupted_s <= MOST_INTERRUPTED * limits.link_timeout_s
-    return max(timeout_s, limits.link_timeout_s + allowed_s) if rides_out else timeout_s
+    return max(timeout_s, limits.link_timeout_s + allowed_s) if now.active else timeout_s
 
 
 def _depth_stale(now: Situation, limits: SupervisorLimits) -> bool:
@@ -117,7 +116,12 @@ RULES: dict[Condition, Rule] = {
     C.TICK_LATE: Rule(_tick_late, blocks=True),
     C.OTHER_FIRST: Rule(lambda now, _: now.watched.other_first, blocks=True),
     C.OTHER_CAME: Rule(lambda now, _: now.watched.other_came, warns=True),
-    C.INTERRUPTED: Rule(lambda now, limits: now.active and interrupted(now.observed, limits, now.tick_s)),
+    C.INTERRUPTED: Rule(
+        lambda now, limits: now.active and bool(interruption(now.observed, limits, now.tick_s))
+    ),
+    C.INTERRUPTED_OFTEN: Rule(
+        lambda now, limits: not now.watched.lost_s <= MOST_LOST * limits.link_timeout_s
+    ),
     C.UNSTEADY: Rule(lambda now, _: now.watched.unsteady, warns=True),
     C.NON_FINITE: Rule(lambda now, _: not now.observed.finite, blocks=True),
     C.CLOCK_INCONSISTENT: Rule(lambda now, _: not now.state.clock_doubt_s <= CLOCK_DOUBT_S, blocks=True),
@@ -231,7 +235,7 @@ TRANSITIONS = (
         (S.RAMP_DOWN, C.AUTOPILOT_FAILSAFE),
         (S.HAND_OVER, C.PILOT_LOST_SURFACE),
         (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP),
-        (S.HAND_OVER, C.DELAY_TOO_LONG, C.CLOCK_INCONSISTENT, C.INNOVATION_LARGE),
+        (S.HAND_OVER, C.INTERRUPTED_OFTEN, C.DELAY_TOO_LONG, C.CLOCK_INCONSISTENT, C.INNOVATION_LARGE),
         (S.HAND_OVER, C.THRUSTER_MISSED, C.TILT_PERSISTS, C.OFF_TRACK),
     ),
     *_from(

@@ -15,6 +15,8 @@ from companion.records import (
     PilotInput,
     PilotSticks,
     Reboot,
+    State,
+    Verdict,
     Z,
 )
 from companion.records.state import CONTACT_S
@@ -22,7 +24,7 @@ from companion.supervision.situation import (
     Observation,
     Watched,
     ekf_is_doubtful,
-    interrupted,
+    interruption,
     tilted,
     voltage_is_low,
 )
@@ -39,7 +41,7 @@ INNOVATION_MEMORY_S = 0.5
 STEADY_S = 60.0
 """So long after an interruption the next one is not reported anew."""
 RECOVERS_PER_S = 0.1
-"""What a second without an interruption takes off their sum."""
+"""What a second with full authority takes off what was lost."""
 RECOVERS_S = 5.0
 """After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
 DEPTH_HELD_M = 0.3
@@ -81,26 +83,21 @@ class Monitor:
         observed: Observation,
         limits: SupervisorLimits,
         parameters: Mapping[str, float],
-        *,
-        active: bool,
-        steered: bool,
+        previous: Verdict,
         tick_s: float,
     ) -> Watched:
-        """Observe one tick; `parameters` are those before its events.
-
-        `active` and `steered` tell of the last tick whether it was ACTIVE, and carried authority.
-        """
+        """Observe one tick; `parameters` are those before its events, `previous` is the last verdict."""
         state, loop, now_s = observed.state, observed.loop, observed.state.t_s
         self._changed_t_s = min(self._changed_t_s, now_s)
         for event in observed.events:
             self._hear(event, limits, parameters)
         self._contact_s = _since(self._contact_s, now_s, holds=state.ages.link_s <= CONTACT_S)
-        self._steering_since_s = _since(self._steering_since_s, now_s, holds=steered)
+        self._steering_since_s = _since(self._steering_since_s, now_s, holds=previous.authority > 0.0)
         if loop.peer_changes > self._peer_changes:
             self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
-        self._measure(observed, limits, active=active, steered=steered, tick_s=tick_s)
+        self._measure(observed, limits, previous, tick_s)
         self._average(observed)
         watched, other_here = self.watched, now_s - self._other_t_s <= OTHER_S
         pilot_steers = now_s - self._pilot_t_s <= limits.pilot_hold_s
@@ -142,12 +139,16 @@ class Monitor:
                 self._rebooted_t_s, watched.ekf = event.t_s, None
 
     def _measure(
-        self, observed: Observation, limits: SupervisorLimits, *, active: bool, steered: bool, tick_s: float
+        self, observed: Observation, limits: SupervisorLimits, previous: Verdict, tick_s: float
     ) -> None:
-        """Count how long each lasts that has to last."""
+        """Count how long each lasts that has to last; while steering is interrupted, what lasted goes on."""
         watched, dt_s, state, dofs = self.watched, observed.dt_s, observed.state, observed.dofs
+        active = previous.state is State.ACTIVE
+        paused = interruption(observed, limits, tick_s) if active else ""
         saturated = off_track = depth_held = False
-        if dofs is not None and steered:
+        if paused:
+            saturated, off_track = watched.saturated_s > 0.0, watched.off_track_s > 0.0
+        elif dofs is not None and previous.authority > 0.0:
             largest = [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]
             for held, cut, e, most in zip(observed.held, dofs.saturated, dofs.e, largest, strict=True):
                 saturated = saturated or (held and cut)
@@ -158,18 +159,20 @@ class Monitor:
         recovers = state.t_s - self._without_since_s <= RECOVERS_S
         doubtful = watched.ekf is not None and ekf_is_doubtful(watched.ekf, limits)
         low = voltage_is_low(state.voltage_v, limits)
-        far = tilted(observed, limits) and not depth_held
+        far = watched.tilted_s > 0.0 if paused else tilted(observed, limits) and not depth_held
         watched.ekf_doubt_s = _lasting(watched.ekf_doubt_s, dt_s, holds=doubtful)
         watched.battery_low_s = _lasting(watched.battery_low_s, dt_s, holds=low)
         watched.saturated_s = _lasting(watched.saturated_s, dt_s, holds=saturated)
         watched.off_track_s = _lasting(watched.off_track_s, dt_s, holds=off_track and not recovers)
         watched.tilted_s = _lasting(watched.tilted_s, dt_s, holds=far)
-        if not active:
-            watched.interrupted_s = 0.0
-        elif interrupted(observed, limits, tick_s):
-            watched.interrupted_s, self._interrupted_t_s = watched.interrupted_s + dt_s, state.t_s
+        if paused:
+            watched.interruption, self._interrupted_t_s = paused, state.t_s
+        if not active:  # the ramp of engaging is no loss
+            watched.lost_s = -0.5 * limits.ramp_up_s
+        elif previous.authority < 1.0:
+            watched.lost_s += (1.0 - previous.authority) * dt_s
         else:
-            watched.interrupted_s = max(0.0, watched.interrupted_s - RECOVERS_PER_S * dt_s)
+            watched.lost_s = max(0.0, watched.lost_s - RECOVERS_PER_S * dt_s)
 
     def _average(self, observed: Observation) -> None:
         """Average the innovations, with a memory of INNOVATION_MEMORY_S; what is not finite begins anew."""

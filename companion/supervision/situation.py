@@ -70,8 +70,10 @@ class Watched(msgspec.Struct, kw_only=True):
     """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
     listened: bool = True
     """Whether our contact has lasted long enough for another Holdfast to be heard."""
-    interrupted_s: float = 0.0
-    """How long steering was interrupted of late; the time between interruptions takes a part off."""
+    lost_s: float = 0.0
+    """What interruptions took of the authority of late, in seconds of full authority."""
+    interruption: str = ""
+    """The last one, in words."""
     unsteady: bool = False
     innovation_m: float = 0.0
     innovation_deg: float = 0.0
@@ -113,11 +115,14 @@ def depth_is_fresh(state: VehicleState, limits: SupervisorLimits) -> bool:
     return state.ages.depth_s <= limits.depth_timeout_s
 
 
-def interrupted(observed: Observation, limits: SupervisorLimits, tick_s: float) -> bool:
-    """Tell whether depth or attitude is too old to steer by, or this tick too late."""
-    punctual = observed.dt_s - tick_s <= limits.late_tick_s
-    fresh = depth_is_fresh(observed.state, limits)
-    return not (punctual and fresh and observed.state.ages.attitude_s <= limits.attitude_timeout_s)
+def interruption(observed: Observation, limits: SupervisorLimits, tick_s: float) -> str:
+    """Return, in words, that a tick is too late, or depth or attitude too old to steer by; empty if not."""
+    ages, late_s = observed.state.ages, observed.dt_s - tick_s
+    if not late_s <= limits.late_tick_s:
+        return f"a tick was {late_s:.2f} s late"
+    if not depth_is_fresh(observed.state, limits):
+        return f"no depth for {ages.depth_s:.2f} s"
+    return "" if ages.attitude_s <= limits.attitude_timeout_s else f"no attitude for {ages.attitude_s:.2f} s"
 
 
 def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 
 from companion.config import Config
-from companion.records import State, VehicleState, Verdict
+from companion.records import Condition, State, VehicleState, Verdict
 from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import STEERING_MODES, FlightMode
@@ -54,12 +54,11 @@ class Supervision:
         hand_over = mode.step_hand_over(
             previous, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
+        watched = self._monitor.step(observed, limits, self._parameters, previous, tick_s)
         now = Situation(
             observed=observed,
             state=state,
-            watched=self._monitor.step(
-                observed, limits, self._parameters, active=active, steered=steered, tick_s=tick_s
-            ),
+            watched=watched,
             parameters=self._parameters,
             ground_station=config.ground_station,
             tick_s=tick_s,
@@ -71,6 +70,8 @@ class Supervision:
             engage=self.engagement.asked,
         )
         details = {**observed.details, **self.engagement.details}
+        if watched.unsteady:
+            details[Condition.INTERRUPTED_OFTEN] = (watched.interruption, "")
         verdict = self._machine.step(assess(now, limits), dt_s, details)
         mode.update(previous, verdict, state)
         self.engagement.update(verdict, state.mode, details)

@@ -21,6 +21,8 @@ CARRY_AUTHORITY = (S.ACTIVE, S.RAMP_DOWN, S.HAND_OVER)
 LATCHED = (S.FAULT, S.PILOT)
 """States that outlast their cause."""
 FREE = (S.IDLE, S.READY)
+RESUME_S = 0.3
+"""From zero to full authority after an interruption that was ridden out."""
 JUST_STARTED = Verdict(S.IDLE, NOTHING, 0.0, "just started")
 
 
@@ -85,6 +87,8 @@ class StateMachine:
         self.ramp_down_s = ramp_down_s
         self.ramp_up_s = ramp_up_s
         self._verdict = JUST_STARTED
+        self._risen, self._resumed = 0.0, 1.0
+        """The authority of the time since engaging, and that of the time since the last interruption."""
         self._reason, self._cause = self._verdict.reason, NOTHING
         """Of the last transition: why, and the one condition that it was for."""
         self._ended = self._remedy = ""
@@ -98,22 +102,30 @@ class StateMachine:
     def _fallen(self, dt_s: float) -> float:
         return max(0.0, self._verdict.authority - dt_s / self.ramp_down_s)
 
+    def _rise(self, dt_s: float) -> float:
+        """Return the authority of a tick in ACTIVE that is not interrupted."""
+        risen = self._risen if self._verdict.state is State.ACTIVE else 0.0
+        self._risen = min(1.0, risen + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+        self._resumed = min(1.0, self._resumed + dt_s / RESUME_S)
+        return min(self._risen, self._resumed)
+
     def step(self, conditions: Condition, dt_s: float, details: Details = NO_DETAILS) -> Verdict:
         """Take one tick's conditions and give the verdict.
 
-        Authority rises to 1 over `ramp_up_s` in ACTIVE, falls to 0 over `ramp_down_s` in RAMP_DOWN and
-        HAND_OVER, and is 0 everywhere else, while INTERRUPTED, and outside ACTIVE where a failsafe surfaces.
+        Authority rises to 1 over `ramp_up_s` in ACTIVE, and over RESUME_S after an interruption. It falls to
+        0 over `ramp_down_s` in RAMP_DOWN and HAND_OVER, and is 0 everywhere else, while INTERRUPTED, and
+        outside ACTIVE where a failsafe surfaces.
         """
         previous = self._verdict
         authority = self._fallen(dt_s)
         row = transition(previous.state, conditions)
         state, reason = (row.to, row.because) if row else (previous.state, self._reason)
         if state is State.ACTIVE:
-            authority = min(1.0, previous.authority + dt_s / self.ramp_up_s) if self.ramp_up_s > 0.0 else 1.0
+            authority = self._rise(dt_s)
         elif state not in CARRY_AUTHORITY or conditions & C.FAILSAFE_SURFACES:
             authority = 0.0
         if C.INTERRUPTED in conditions:
-            authority = 0.0
+            authority = self._resumed = 0.0
         if row:
             self._cause = row.when if len(row.when) == 1 and not row.when & UNSAID else NOTHING
             self._reason = reason = detailed(self._cause, reason, details)

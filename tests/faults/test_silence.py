@@ -7,9 +7,10 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from virtual import Dive, Somebody, active, hold, shared
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from virtual import Dive, Somebody, active, hold, pieces, shared
 
 from companion.config import load_config
 from companion.guidance.orders import ordering
@@ -143,6 +144,79 @@ def test_any_short_interruption_is_ridden_out_and_a_longer_one_ends_it_as_ever(w
     elif seconds >= 1.2:
         assert states[1] is (State.RAMP_DOWN if what.startswith("late tick") else State.FAULT)
         assert dive.state is not State.ACTIVE
+
+
+ENDINGS = Condition.INTERRUPTED_OFTEN | Condition.LINK_LOST | Condition.DEPTH_STALE | Condition.ATTITUDE_STALE
+STUTTERS = {
+    "depth": ("GLOBAL_POSITION_INT",),
+    "attitude": ("ATTITUDE",),
+    "depth and attitude by turns": ("GLOBAL_POSITION_INT", "ATTITUDE"),
+    "all": ("",),
+}
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    what=st.sampled_from(sorted(STUTTERS)),
+    silent=st.lists(st.floats(0.1, 0.95), min_size=1, max_size=4),
+    heard=st.lists(st.floats(0.02, 2.0), min_size=1, max_size=4),
+)
+@example(what="depth", silent=[0.52], heard=[0.02])
+@example(what="attitude", silent=[0.54], heard=[0.02])
+@example(what="depth and attitude by turns", silent=[0.54], heard=[0.02])
+@example(what="all", silent=[0.9], heard=[0.3])
+def test_pauses_without_end_leave_most_of_the_authority_or_end_it_and_say_why(what, silent, heard):
+    dive, steps = placed(), []
+    messages, turns = itertools.cycle(STUTTERS[what]), itertools.cycle(zip(silent, itertools.cycle(heard)))
+    began_s = dive.t_s
+    while dive.t_s - began_s < 14.0 and dive.state is State.ACTIVE:
+        silent_s, heard_s = next(turns)
+        dive.fault("message_stopped", silent_s, message=next(messages))
+        steps += dive.run(silent_s + heard_s)
+    authority = [step.sample.verdict.authority for step in steps]
+    held = list(itertools.takewhile(lambda step: step.sample.verdict.state is State.ACTIVE, steps))
+    means = [np.mean(authority[i : i + 500]) for i in range(max(len(held) - 500, 0))]
+    assert min(means, default=1.0) >= 0.8
+    if len(held) < len(steps):
+        ended = steps[len(held)].sample.verdict
+        assert ended.conditions & ENDINGS
+        assert ended.reason
+    off = np.abs([step.truth.eta - held[0].truth.eta for step in held])
+    assert off[:, Z].max() < 0.3
+    assert np.hypot(off[:, X], off[:, 1]).max() < 0.5
+
+
+@pytest.mark.parametrize("message", ["GLOBAL_POSITION_INT", "ATTITUDE"])
+def test_a_stream_of_two_hertz_is_asked_for_anew_named_and_handed_over(message):
+    dive, last_s = placed(), -1.0
+    wanted, asked = getattr(mavlink, f"MAVLINK_MSG_ID_{message}"), list[tuple[int, bytes]]()
+
+    def slow(t_s, inbox):
+        nonlocal last_s
+        kept = []
+        for at, data in inbox:
+            for kind, frame in pieces(data):
+                if kind == wanted:
+                    if t_s - last_s < 0.52:
+                        continue
+                    last_s = t_s
+                kept.append((at, frame))
+        return kept
+
+    dive.tap.spoil = slow
+    dive.tap.after = lambda out, _: asked.extend(
+        piece for data in out for piece in pieces(data) if piece[0] == mavlink.MAVLINK_MSG_ID_COMMAND_LONG
+    )
+    steps = dive.run(10.0)
+    ended = next(step.sample.verdict for step in steps if step.sample.verdict.state is not State.ACTIVE)
+    assert ended.state is State.HAND_OVER
+    signal = "attitude" if message == "ATTITUDE" else "depth"
+    assert ended.reason.startswith(f"{Condition.INTERRUPTED_OFTEN.text} (no {signal} for 0.5")
+    assert message in ended.remedy or "depth_source" in ended.remedy
+    orders = [mavlink.MAVLink(None).parse_buffer(frame)[0] for _, frame in asked]
+    rates = [order for order in orders if order.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL]
+    assert sum(order.param1 == wanted for order in rates) >= 2
+    assert np.ptp([step.truth.eta[2] for step in steps]) < 0.3
 
 
 @pytest.mark.parametrize("path", [False, True], ids=["a place", "a path"])

@@ -105,6 +105,7 @@ EXPECTED = {
         C.REBOOTED: State.FAULT,
         C.LEAK: State.HAND_OVER,
         C.DELAY_TOO_LONG: State.HAND_OVER,
+        C.INTERRUPTED_OFTEN: State.HAND_OVER,
         C.CLOCK_INCONSISTENT: State.HAND_OVER,
         C.INNOVATION_LARGE: State.HAND_OVER,
         C.OFF_TRACK: State.HAND_OVER,
@@ -411,9 +412,9 @@ SEEN = [
             (aged(attitude_s=LIMITS.link_timeout_s + 0.11), {}, C.INTERRUPTED | C.ATTITUDE_STALE),
             (aged(link_s=1.01, depth_s=1.01, attitude_s=1.01), {}, C.INTERRUPTED | C.LINK_LOST),
             (RESTING, {"dt_s": TICK_S + LIMITS.link_timeout_s + 0.01}, C.INTERRUPTED | C.TICK_LATE),
-            (aged(depth_s=0.51), {"interrupted_s": 2.01}, C.INTERRUPTED | C.DEPTH_STALE),
         )
     ),
+    (RESTING, {"lost_s": 0.81 * LIMITS.link_timeout_s}, C.INTERRUPTED_OFTEN),
     (RESTING, {"unsteady": True}, C.UNSTEADY),
     (RESTING, {"other_first": True}, C.OTHER_FIRST),
     (RESTING, {"other_came": True}, C.OTHER_CAME),

@@ -10,6 +10,7 @@ from msgspec import structs
 from test_supervisor import LIMITS, SAFE
 
 from companion.records import (
+    Condition,
     EkfStatus,
     Heartbeat,
     Leak,
@@ -17,6 +18,8 @@ from companion.records import (
     Parameter,
     PilotInput,
     Reboot,
+    State,
+    Verdict,
 )
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
 from companion.supervision.situation import Observation
@@ -33,13 +36,14 @@ class Seen:
 
     def step(self, *events, dt_s=TICK_S, dofs=None, state=RESTING, dropped=0, peers=0, **changes):
         self.now_s += dt_s
-        parameters, steered = changes.pop("parameters", SAFE), changes.pop("steered", True)
+        parameters, authority = changes.pop("parameters", SAFE), changes.pop("authority", 1.0)
+        previous = Verdict(changes.pop("previous", State.ACTIVE), Condition(0), authority, "")
         stamped = [structs.replace(event, t_s=self.now_s) for event in events]
         health = LoopHealth(1, 50.0, 0.0, 0.0, 0, dropped, peer_changes=peers)
         state = structs.replace(state, t_s=self.now_s)
         given: dict[str, Any] = {"held": ALL, "dofs": dofs} | changes
         observed = Observation(state=state, dt_s=dt_s, loop=health, events=stamped, **given)
-        return self.watch.step(observed, LIMITS, parameters, active=steered, steered=steered, tick_s=TICK_S)
+        return self.watch.step(observed, LIMITS, parameters, previous, TICK_S)
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
@@ -101,6 +105,31 @@ def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
     assert getattr(seen.step(dofs=Dofs()), field) == 0.0
 
 
+def test_what_lasts_goes_on_while_telemetry_is_interrupted(seen):
+    far = Dofs((False, False, True, False), (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
+    tilted = structs.replace(RESTING, roll=radians(LIMITS.max_tilt_deg + 1.0))
+    silent = structs.replace(RESTING, ages=structs.replace(RESTING.ages, depth_s=0.51))
+    seen.step(state=tilted, dofs=far)
+    for authority in (1.0, 0.0, 0.0):
+        watched = seen.step(state=silent, dofs=Dofs(), authority=authority)
+    assert watched.saturated_s == watched.off_track_s == watched.tilted_s == pytest.approx(4 * TICK_S)
+    assert watched.unsteady
+    assert watched.interruption == "no depth for 0.51 s"
+
+
+def test_lost_authority_adds_up_but_not_that_of_engaging(seen):
+    seen.step(previous=State.READY, authority=0.0)
+    for i in range(round(LIMITS.ramp_up_s / TICK_S)):
+        seen.step(authority=i * TICK_S / LIMITS.ramp_up_s)
+    began_s = seen.step().lost_s
+    assert began_s == pytest.approx(0.0, abs=TICK_S)
+    for _ in range(25):
+        lost = seen.step(authority=0.6)
+    assert lost.lost_s == pytest.approx(began_s + 0.4 * 25 * TICK_S)
+    assert seen.later(1.0).lost_s == pytest.approx(began_s + 0.4 * 25 * TICK_S - 0.1)
+    assert seen.later(60.0).lost_s == 0.0
+
+
 @pytest.mark.parametrize(
     ("e", "counts"),
     [
@@ -114,7 +143,7 @@ def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
 def test_off_track_by_metres_and_by_degrees(seen, e, counts):
     assert (seen.step(dofs=Dofs(e=e)).off_track_s > 0.0) == counts
     assert seen.step(dofs=Dofs(e=e), held=~ALL).off_track_s == 0.0
-    assert seen.step(dofs=Dofs(e=e), steered=False).off_track_s == 0.0
+    assert seen.step(dofs=Dofs(e=e), authority=0.0).off_track_s == 0.0
 
 
 def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
@@ -127,7 +156,7 @@ def test_a_failsafe_counts_once_our_steering_should_have_ended_it(seen):
     assert seen.step(latched).failsafe
     assert not seen.step(calm).failsafe
     seen.step(latched)
-    assert not seen.step(latched, steered=False).failsafe
+    assert not seen.step(latched, authority=0.0).failsafe
     assert not seen.step(latched).failsafe
 
 
