@@ -6,14 +6,17 @@ Against the gyro: D is how far the heading has turned without the gyro (iron, mo
 
 Against the course: thrust pushes along the true heading, and is sent along the believed one. The velocity
 over ground is v = v₀ + e^{iθ} u: u is what the model's thrust makes by the believed heading, v₀ what the
-water does. A fading-memory filter with a double pole at OMEGA_RADPS takes what is slow out of both:
+water does. A fading-memory filter with a double pole at ω takes what is slow out of both:
 
     θ = arg S_uv     σ² = (1 − c²)/(2 n c²)     c² = |S_uv|²/(S_uu S_vv)     S over COURSE_MEMORY_S
 
-with n = OMEGA_RADPS times the seconds that are remembered. It counts as wrong by |θ| − 2σ. A velocity that is
-measured in body axes and turned by the same heading (a DVL without a position of its own) always agrees.
-A disturbance that the thrust counters looks like a push the other way, but what is left of it is small: it
-counts only where the vehicle moves by LEAST_RESPONSE of what the thrust makes, |S_uv| over S_uu.
+with n = ω times the seconds that are remembered. It counts as wrong by |θ| − 2σ, the least of all BANDS.
+A velocity that is measured in body axes and turned by the same heading (a DVL without a position of its own)
+always agrees.
+
+A wave that the thrust counters in part looks like a push the other way, at its own frequency alone; a wrong
+heading turns all frequencies, and the vehicle moves by LEAST_RESPONSE of what the thrust makes, |S_uv| over
+S_uu, or more. It is told after LASTS_S over c².
 
 A place that a wrong heading lost is tried again once the evidence is gone: after RETRIED_S, then after twice
 as long each time, for without thrust there is no evidence.
@@ -39,20 +42,19 @@ GYRO_REPORTED_RAD = math.radians(10.0)
 GYRO_SCALE = 0.02
 """How well the gyro's scale is known."""
 
-OMEGA_RADPS = 1.0
+BANDS = ((1.0, 0.15), (4.0, 0.05))
+"""ω, among the frequencies of waves and above, rad/s; RMS of u below which a band says nothing, m/s."""
 COURSE_MEMORY_S = 10.0
-LEAST_MPS = 0.15
-"""RMS of what the thrust should make of the velocity, below which it says nothing."""
 
 COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
 """From where the course is reported to differ, and from where a place is not held."""
 
 LEAST_COHERENCE = 0.05
 LEAST_RESPONSE = 0.35
-"""Of 34 right headings none was off for over 0.3 s; a compass turned by 180° gave 0.46 (4.5.7)."""
+"""A compass turned by 180° gave 0.46 (4.5.7)."""
 
 RETRIED_S = 30.0
-LASTS_S = 2.0
+LASTS_S = 1.6
 GAP_S = 1.0
 """After a longer gap between measurements the filters begin again."""
 
@@ -67,12 +69,59 @@ class _Filter(NamedTuple):
         """Go on by `dt_s` under a known acceleration."""
         return _Filter(self.v + (self.v_dot + known) * dt_s, self.v_dot)
 
-    def corrected(self, error: complex, gap_s: float) -> "_Filter":
+    def corrected(self, error: complex, gap_s: float, omega: float) -> "_Filter":
         """Take the error of a measurement, `gap_s` after the one before."""
-        theta = math.exp(-OMEGA_RADPS * gap_s)
+        theta = math.exp(-omega * gap_s)
         return _Filter(
             self.v + (1.0 - theta * theta) * error, self.v_dot + (1.0 - theta) ** 2 / gap_s * error
         )
+
+
+class _Off(NamedTuple):
+    """The heading's error by the course, by how much it is surely off (rad), and c²."""
+
+    course_rad: float = math.nan
+    surely_rad: float = 0.0
+    coherence: float = 0.0
+
+
+class _Band:
+    """What is faster than `omega` (rad/s) of the velocity, and of what the thrust makes of it.
+
+    It says nothing where the latter is less than `least_mps`.
+    """
+
+    def __init__(self, omega: float, least_mps: float, moved: _Filter, pushed: _Filter) -> None:
+        self._omega, self._least_mps, self._moved, self._pushed = omega, least_mps, moved, pushed
+        self._seconds = self._uu = self._vv = 0.0
+        self._uv = 0j
+
+    def ahead(self, dt_s: float, thrust: complex, braked: complex) -> None:
+        """Go on by `dt_s` with the acceleration by the thrust, and what the water takes of it."""
+        self._pushed = self._pushed.ahead(dt_s, thrust)
+        self._moved = self._moved.ahead(dt_s, -braked)
+
+    def compare(self, velocity: complex, gap_s: float) -> None:
+        """Hold a measured velocity against what the thrust makes of it."""
+        kept = math.exp(-gap_s / COURSE_MEMORY_S)
+        u, v = self._pushed.v, velocity - self._moved.v
+        self._pushed = self._pushed.corrected(-u, gap_s, self._omega)
+        self._moved = self._moved.corrected(v, gap_s, self._omega)
+        self._seconds = kept * self._seconds + gap_s
+        self._uu = kept * self._uu + abs(u) ** 2 * gap_s
+        self._vv = kept * self._vv + abs(v) ** 2 * gap_s
+        self._uv = kept * self._uv + u.conjugate() * v * gap_s
+
+    @property
+    def off(self) -> _Off:
+        """By how much the heading is off."""
+        seen = self._uu > self._seconds * self._least_mps**2 and self._vv > 0.0
+        coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if seen else 0.0
+        if coherence < LEAST_COHERENCE or abs(self._uv) < LEAST_RESPONSE * self._uu:
+            return _Off()
+        course_rad = cmath.phase(self._uv)
+        doubt_rad = math.sqrt((1.0 - coherence) / (2.0 * self._omega * self._seconds * coherence))
+        return _Off(course_rad, abs(course_rad) - 2.0 * doubt_rad, coherence)
 
 
 class HeadingWatch:
@@ -95,10 +144,8 @@ class HeadingWatch:
     def _rest_course(self) -> None:
         self._velocity: complex | None = None
         self._thrust = 0j
-        self._pushed = self._moved = _Filter(0j, 0j)
-        self._gap_s = self._seconds = self._uu = self._vv = 0.0
-        self._uv = 0j
-        self._reported_s = self._lost_s = 0.0
+        self._bands: list[_Band] = []
+        self._gap_s = self._reported_s = self._lost_s = 0.0
         self._course_rad = math.nan
 
     @property
@@ -158,23 +205,28 @@ class HeadingWatch:
         )
         if self._velocity is None:  # it is taken for being in balance
             self._velocity, self._thrust = velocity, wanted
-            self._moved, self._pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
+            moved, pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
+            self._bands = [_Band(*band, moved, pushed) for band in BANDS]
             return
         self._thrust += (wanted - self._thrust) * dt_s / (dt_s + model.lag_s[0] + delay_s)
-        self._pushed = self._pushed.ahead(dt_s, ahead * self._thrust)
-        self._moved = self._moved.ahead(dt_s, -ahead * braked)
+        for band in self._bands:
+            band.ahead(dt_s, ahead * self._thrust, ahead * braked)
         self._gap_s += dt_s
         if not cmath.isnan(velocity):
-            self._compare(velocity)
+            for band in self._bands:
+                band.compare(velocity, self._gap_s)
+            self._velocity, self._gap_s = velocity, 0.0
         elif self._gap_s > GAP_S:
             self._rest_course()
         self._judge(dt_s)
 
     def _judge(self, dt_s: float) -> None:
         """Count for how long the heading has surely been off."""
-        off_rad = self._off_rad()
-        self._reported_s = self._reported_s + dt_s if off_rad > COURSE_REPORTED_RAD else 0.0
-        self._lost_s = self._lost_s + dt_s if off_rad > COURSE_LOST_RAD else 0.0
+        offs = [band.off for band in self._bands] or [_Off()]
+        self._course_rad = offs[0].course_rad
+        off_rad, sure_s = min(off.surely_rad for off in offs), dt_s * min(off.coherence for off in offs)
+        self._reported_s = self._reported_s + sure_s if off_rad > COURSE_REPORTED_RAD else 0.0
+        self._lost_s = self._lost_s + sure_s if off_rad > COURSE_LOST_RAD else 0.0
         self._lost |= self._lost_s > LASTS_S
 
     def _wait(self, dt_s: float) -> None:
@@ -182,29 +234,6 @@ class HeadingWatch:
         self._released_s = self._released_s + dt_s if self._lost else 0.0
         if self._released_s > self._retried_s:
             self._lost, self._retried_s = False, 2.0 * self._retried_s
-
-    def _off_rad(self) -> float:
-        """Return by how much the heading is surely off."""
-        seen = self._uu > self._seconds * LEAST_MPS**2 and self._vv > 0.0
-        coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if seen else 0.0
-        if coherence < LEAST_COHERENCE or abs(self._uv) < LEAST_RESPONSE * self._uu:
-            self._course_rad = math.nan
-            return 0.0
-        self._course_rad = cmath.phase(self._uv)
-        doubt_rad = math.sqrt((1.0 - coherence) / (2.0 * OMEGA_RADPS * self._seconds * coherence))
-        return abs(self._course_rad) - 2.0 * doubt_rad
-
-    def _compare(self, velocity: complex) -> None:
-        """Hold a measured velocity against what the thrust makes of it."""
-        kept = math.exp(-self._gap_s / COURSE_MEMORY_S)
-        u, v = self._pushed.v, velocity - self._moved.v
-        self._pushed = self._pushed.corrected(-u, self._gap_s)
-        self._moved = self._moved.corrected(v, self._gap_s)
-        self._seconds = kept * self._seconds + self._gap_s
-        self._uu = kept * self._uu + abs(u) ** 2 * self._gap_s
-        self._vv = kept * self._vv + abs(v) ** 2 * self._gap_s
-        self._uv = kept * self._uv + u.conjugate() * v * self._gap_s
-        self._velocity, self._gap_s = velocity, 0.0
 
 
 def _damping(nominal: Model, axis: int, speed: float) -> float:

@@ -270,8 +270,9 @@ class Condition(IntFlag):
     )
     SATURATED = (
         "not enough thrust",
-        "an axis has been saturated for saturated_s; the vehicle may drift away",
-        "avoid the current, slow the path down, or raise max_force",
+        "an axis has been saturated for saturated_s, less half of the time in which it was not; the vehicle "
+        "may drift away",
+        "avoid the current, go deeper below waves, slow the path down, or raise max_force",
         "the thrust is enough again",
     )
     OFF_TRACK = (

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from companion.config import SupervisorLimits
 from companion.records import (
     PSI,
+    Dofs,
     EkfStatus,
     Event,
     Heartbeat,
@@ -44,6 +45,8 @@ RECOVERS_PER_S = 0.1
 """What a second with full authority takes off what was lost."""
 RECOVERS_S = 5.0
 """After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
+UNSATURATED_COUNTS = 0.5
+"""In waves the thrust is cut off for a part of each one: a third of the time is not enough thrust."""
 DEPTH_HELD_M = 0.3
 """A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
 OTHER_S = 3.0
@@ -145,13 +148,12 @@ class Monitor:
         watched, dt_s, state, dofs = self.watched, observed.dt_s, observed.state, observed.dofs
         active = previous.state is State.ACTIVE
         paused = interruption(observed, limits, tick_s) if active else ""
-        saturated = off_track = depth_held = False
+        off_track = depth_held = False
         if paused:
-            saturated, off_track = watched.saturated_s > 0.0, watched.off_track_s > 0.0
+            off_track = watched.off_track_s > 0.0
         elif dofs is not None and previous.authority > 0.0:
             largest = [limits.max_error_m] * PSI + [math.radians(limits.max_error_deg)]
-            for held, cut, e, most in zip(observed.held, dofs.saturated, dofs.e, largest, strict=True):
-                saturated = saturated or (held and cut)
+            for held, e, most in zip(observed.held, dofs.e, largest, strict=True):
                 off_track = off_track or (held and not abs(e) <= most)
             depth_held = observed.held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
         if state.dead_motor != self._dead_motor:
@@ -162,7 +164,10 @@ class Monitor:
         far = watched.tilted_s > 0.0 if paused else tilted(observed, limits) and not depth_held
         watched.ekf_doubt_s = _lasting(watched.ekf_doubt_s, dt_s, holds=doubtful)
         watched.battery_low_s = _lasting(watched.battery_low_s, dt_s, holds=low)
-        watched.saturated_s = _lasting(watched.saturated_s, dt_s, holds=saturated)
+        if not paused and not previous.authority > 0.0:
+            watched.saturated_s = watched.pull_n = 0.0
+        elif dofs is not None:
+            self._count_saturated(observed, dofs, limits, paused=bool(paused))
         watched.off_track_s = _lasting(watched.off_track_s, dt_s, holds=off_track and not recovers)
         watched.tilted_s = _lasting(watched.tilted_s, dt_s, holds=far)
         if paused:
@@ -173,6 +178,18 @@ class Monitor:
             watched.lost_s += (1.0 - previous.authority) * dt_s
         else:
             watched.lost_s = max(0.0, watched.lost_s - RECOVERS_PER_S * dt_s)
+
+    def _count_saturated(
+        self, observed: Observation, dofs: Dofs, limits: SupervisorLimits, *, paused: bool
+    ) -> None:
+        """Count how long held axes are saturated, and what pulls at them meanwhile."""
+        watched = self.watched
+        cut = [held and full for held, full in zip(observed.held, dofs.saturated, strict=True)]
+        counts = any(cut) or (paused and watched.saturated_s > 0.0)
+        counted_s = watched.saturated_s + (1.0 if counts else -UNSATURATED_COUNTS) * observed.dt_s
+        watched.saturated_s = min(max(counted_s, 0.0), 1.5 * limits.saturated_s + observed.dt_s)
+        pulls = [d * full for d, full in zip(observed.state.disturbance[:PSI], cut[:PSI], strict=True)]
+        watched.pull_n = max(watched.pull_n, math.hypot(*pulls)) if watched.saturated_s > 0.0 else 0.0
 
     def _average(self, observed: Observation) -> None:
         """Average the innovations, with a memory of INNOVATION_MEMORY_S; what is not finite begins anew."""

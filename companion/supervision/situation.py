@@ -62,6 +62,9 @@ class Watched(msgspec.Struct, kw_only=True):
     """Whether the autopilot reports a failsafe that our steering should have ended."""
     battery_low_s: float = 0.0
     saturated_s: float = 0.0
+    """Less half of the time in which the thrust sufficed."""
+    pull_n: float = 0.0
+    """The largest disturbance of that time, along what is saturated."""
     off_track_s: float = 0.0
     tilted_s: float = 0.0
     """Too far from its angle, and from its depth."""

@@ -14,6 +14,7 @@ from companion.supervision.flight_mode import STEERING_MODES, FlightMode
 from companion.supervision.monitor import Monitor
 from companion.supervision.situation import Observation, Situation
 from companion.supervision.supervisor import JUST_STARTED, StateMachine
+from companion.telemetry.glossary import NO_DETAILS, Details
 from companion.telemetry.modes import Mode
 
 DISARM = 2.0
@@ -69,7 +70,7 @@ class Supervision:
             ramped_down=self._machine.ramped_down(dt_s),
             engage=self.engagement.asked,
         )
-        details = {**observed.details, **self.engagement.details}
+        details = {**observed.details, **self.engagement.details, **_shortfall(watched.pull_n)}
         if watched.unsteady:
             details[Condition.INTERRUPTED_OFTEN] = (watched.interruption, "")
         verdict = self._machine.step(assess(now, limits), dt_s, details)
@@ -101,3 +102,11 @@ class Supervision:
     def restore_mode(self) -> Mode | None:
         """Return the flight mode to request with each shutdown frame; None for no request."""
         return self._flight_mode.restore_mode()
+
+
+def _shortfall(pull_n: float) -> Details:
+    """Return what thrust would suffice."""
+    if pull_n < 1.0:
+        return NO_DETAILS
+    remedy = f"it takes {10.0 * math.ceil(0.1 * pull_n):.0f} N: {Condition.SATURATED.remedy}"
+    return {Condition.SATURATED: ("", remedy)}

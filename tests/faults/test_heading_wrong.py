@@ -1,7 +1,8 @@
 """A heading that is silently wrong: told by course or gyro, and no place is held that cannot be."""
 
 import numpy as np
-from virtual import Dive, hold, shared
+import pytest
+from virtual import Dive, Somebody, hold, shared
 
 from companion.records import Condition, Request, State, X, Z
 
@@ -70,3 +71,29 @@ def test_a_compass_that_is_bent_is_reported_by_the_gyro_and_a_dvl_keeps_the_plac
     assert 5.0 < reported(steps).index(True) * 0.02 < 20.0
     assert place_held(steps[-1])
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 0.1
+
+
+def in_waves(height_m, period_s, *plant):
+    waves = f'{{enabled=true, spectrum="regular", height_m={height_m}, period_s={period_s}}}'
+    sea = (f"waves={waves}", "sensors.dvl=true", "sensors.dvl_drift_m=0", "initial.eta=[0,0,2,0,0,0]")
+    dive = Dive(*sea, *plant, setpoint=hold(z=2.0, x=0.0, y=0.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    return dive.until(State.ACTIVE, within_s=12.0)
+
+
+@pytest.mark.parametrize("period_s", [4.0, 5.0])
+def test_waves_that_thrust_counters_in_part_are_no_wrong_heading(period_s):
+    """They move the vehicle against its thrust, coherently from the first one on."""
+    steps = in_waves(1.2, period_s).run(12.0)
+    assert not any(reported(steps))
+    assert all(map(place_held, steps[50:]))
+
+
+def test_where_the_thrust_does_not_suffice_in_waves_it_says_so_and_what_would():
+    steps = in_waves(1.5, 8.0, "current.enabled=true", "current.speed_m_s=0.5").run(54.0)
+    assert not any(reported(steps))
+    assert all(map(place_held, steps[50:]))
+    told = [step.sample.verdict for step in steps if Condition.SATURATED in step.sample.verdict.warnings]
+    assert len(told) > 500
+    assert max(int(verdict.remedy.split()[2]) for verdict in told) in range(70, 200)
+    assert told[-1].remedy.endswith(f"N: {Condition.SATURATED.remedy}")

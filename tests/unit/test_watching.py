@@ -96,10 +96,10 @@ def test_changes_are_reported_reading_is_not_one(seen):
     assert not seen.later(ANNOUNCED_S + 0.01).config_changed
 
 
-@pytest.mark.parametrize("field", ["battery_low_s", "saturated_s", "off_track_s"])
+@pytest.mark.parametrize("field", ["battery_low_s", "off_track_s"])
 def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
     low = structs.replace(RESTING, voltage_v=LIMITS.min_voltage_v - 0.1)
-    far = Dofs((False, False, True, False), (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
+    far = Dofs((False,) * 4, (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
     assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(TICK_S)
     assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(2 * TICK_S)
     assert getattr(seen.step(dofs=Dofs()), field) == 0.0
@@ -128,6 +128,24 @@ def test_lost_authority_adds_up_but_not_that_of_engaging(seen):
     assert lost.lost_s == pytest.approx(began_s + 0.4 * 25 * TICK_S)
     assert seen.later(1.0).lost_s == pytest.approx(began_s + 0.4 * 25 * TICK_S - 0.1)
     assert seen.later(60.0).lost_s == 0.0
+
+
+def cut_off(seen, share, seconds, **what):
+    """Thrust that is cut off for this share of each wave of 5 s, against 60 N."""
+    state = structs.replace(RESTING, disturbance=(60.0, 0.0, 90.0, 0.0))
+    for tick in range(round(seconds / TICK_S)):
+        full = tick * TICK_S % 5.0 < 5.0 * share
+        seen.step(state=state, dofs=Dofs((full, full, False, False)), **what)
+    return seen.watch.watched
+
+
+def test_thrust_that_is_cut_off_in_each_wave_is_not_enough_and_what_pulls_then_is_known(seen):
+    assert cut_off(seen, 0.2, 60.0).saturated_s < LIMITS.saturated_s
+    watched = cut_off(seen, 0.5, 30.0)
+    assert watched.saturated_s > LIMITS.saturated_s
+    assert watched.pull_n == 60.0
+    assert cut_off(seen, 0.0, 20.0).saturated_s == watched.pull_n == 0.0
+    assert cut_off(seen, 1.0, 9.0, held=~ALL).saturated_s == 0.0
 
 
 @pytest.mark.parametrize(
