@@ -18,7 +18,7 @@ from operator import mul, sub
 
 from companion.core.bounds import clamped, limited
 from companion.estimation.clock import MAX_ROUND_TRIP_S, AutopilotClock
-from companion.records import ZERO, Delays, Vector
+from companion.records import ZERO, Delays, Vector, vector
 
 TELEMETRY_MEMORY_S = 1.0
 """Chosen: a mean over 50 stamps at 50 Hz."""
@@ -50,7 +50,8 @@ LAGS_S = tuple(STEP_S * k for k in range(-6, 82))
 """-0.03 to 0.405 s: below zero for the error of the clock."""
 
 CONTRAST = 0.5
-"""The best lag counts as found when it explains the echo this much better than the average lag does."""
+"""The best lag counts as found when it explains the echo this much better than the average lag does, and than
+that the echo keeps its mean: one that does not move, or of other motors, is none."""
 
 PLATEAU = 0.05
 """Commands are steps of a tick's length, so neighbouring lags can fit equally well: the middle of those
@@ -144,6 +145,9 @@ class Echo:
 
     def __init__(self) -> None:
         self._misfit = [0.0] * len(LAGS_S)
+        self._centre = ZERO
+        self._spread = 0.0
+        """The echo's mean, and how far it goes from it, squared, in units of the misfit."""
         self._t_s = -math.inf
         self._seen_s = 0.0
 
@@ -156,11 +160,14 @@ class Echo:
         """
         if not sent_t_s or not sent_t_s[0] <= at_s - LAGS_S[-1] or at_s - LAGS_S[0] > sent_t_s[-1]:
             return None
-        misses = _misses(at_s, axes, sent_t_s, sent)
-        if misses is None:
+        centre = axes if self._t_s == -math.inf else self._centre
+        misses, away = _misses(at_s, axes, centre, sent_t_s, sent)
+        if not misses:
             return None
         passed_s = min(max(at_s - self._t_s, 0.0), ECHO_MEMORY_S)
         new, mean = passed_s / (passed_s + ECHO_MEMORY_S), sum(misses) / len(misses)
+        self._centre = vector(was + new * (x - was) for was, x in zip(centre, axes, strict=True))
+        self._spread += new * (away / mean - self._spread)
         misfit = [old + new * (miss / mean - old) for old, miss in zip(self._misfit, misses, strict=True)]
         self._misfit = misfit
         self._t_s = at_s
@@ -168,7 +175,7 @@ class Echo:
         if self._seen_s < EVIDENCE_S:
             return None
         least, mean = min(misfit), sum(misfit) / len(misfit)
-        clear = CONTRAST * mean
+        clear = CONTRAST * min(mean, self._spread)
         matching = [k for k, error in enumerate(misfit) if error < clear]
         if not matching or matching[-1] - matching[0] + 1 != len(matching):
             return None
@@ -178,12 +185,12 @@ class Echo:
 
 
 def _misses(
-    at_s: float, axes: Vector, sent_t_s: Sequence[float], sent: Sequence[Vector]
-) -> list[float] | None:
-    """Return by how much, squared, `axes` differ from what was sent each of LAGS_S before.
+    at_s: float, axes: Vector, centre: Vector, sent_t_s: Sequence[float], sent: Sequence[Vector]
+) -> tuple[list[float], float]:
+    """Return by how much, squared, `axes` differ from what was sent each of LAGS_S before, and from `centre`.
 
-    None where that did not vary. An axis that we never move is somebody else's: in STABILIZE the firmware's
-    yaw.
+    Nothing where what was sent did not vary. An axis that we never move is somebody else's: in STABILIZE the
+    firmware's yaw.
     """
     newest = bisect_right(sent_t_s, at_s - LAGS_S[0]) - 1
     oldest = bisect_right(sent_t_s, at_s - LAGS_S[-1]) - 1
@@ -192,12 +199,13 @@ def _misses(
     counts = list(map(sub, (*reached, len(LAGS_S)), (0, *reached)))
     commands = [sent[i] for i in range(newest, oldest - 1, -1)]
     by_command = [0.0] * len(commands)
-    varies = False
-    for echo, column in zip(axes, zip(*commands, strict=True), strict=True):
+    varies, away = False, 0.0
+    for echo, mean, column in zip(axes, centre, zip(*commands, strict=True), strict=True):
         if any(column):
+            away += (echo - mean) * (echo - mean)
             varies = varies or _rms(counts, column) >= EXCITATION
             by_command = [miss + (x - echo) * (x - echo) for miss, x in zip(by_command, column, strict=True)]
-    return list(chain.from_iterable(map(repeat, by_command, counts))) if varies else None
+    return list(chain.from_iterable(map(repeat, by_command, counts))) if varies else [], away
 
 
 def _rms(counts: Sequence[int], values: Sequence[float]) -> float:

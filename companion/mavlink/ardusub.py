@@ -11,7 +11,7 @@ Source: docs/ardusub.md, "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE", "From axis to
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final, Literal, TypeAlias
 
@@ -47,6 +47,10 @@ PRESSURES: Final = (
 
 DIRECTIONS: Final = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 """Parameters by motor: below zero it is reversed."""
+
+FUNCTIONS: Final = tuple(f"SERVO{output}_FUNCTION" for output in range(1, 17))
+"""Parameters by output: FIRST_MOTOR for motor 1, and so on."""
+FIRST_MOTOR: Final = 33
 
 QUALITY_PARAMETER: Final = "RNGFND_SQ_MIN"
 """Of a rangefinder: the least signal quality, %, since ArduSub 4.5."""
@@ -97,6 +101,16 @@ def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
     """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch; each command is asked for twice."""
     surge, sway, up, yaw, roll, pitch = map(to_pwm_us, command._replace(heave=-command.heave))
     return surge, sway, up, yaw, roll, pitch
+
+
+def motor_outputs(parameters: Mapping[str, float]) -> tuple[int, ...]:
+    """Return by motor which output drives it, from 1, by the FUNCTIONS that are known; 0 for none.
+
+    An output whose function is not known is taken for the motor of its number.
+    """
+    numbers = sorted(range(len(FUNCTIONS)), key=lambda number: FUNCTIONS[number] in parameters)
+    drives = {parameters.get(FUNCTIONS[number], FIRST_MOTOR + number): number + 1 for number in numbers}
+    return tuple(drives.get(FIRST_MOTOR + motor, 0) for motor in range(len(DIRECTIONS)))
 
 
 def motor_demand(pwm_us: Sequence[int]) -> tuple[float, ...]:

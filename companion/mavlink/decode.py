@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion import records
 from companion.mavlink.ardusub import (
     DIRECTIONS,
+    FUNCTIONS,
     MAX_DISTANCE_M,
     MAX_SPEED_MPS,
     NEUTRAL_US,
@@ -24,6 +25,7 @@ from companion.mavlink.ardusub import (
     STICK,
     STICK_NEUTRAL_Z,
     DepthSource,
+    motor_outputs,
 )
 from companion.mavlink.freshness import MESSAGES
 from companion.mavlink.messages import CHUNK_CHARS, Message
@@ -57,7 +59,7 @@ LEAK_TEXT: Final = "leak detected"
 """ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
 MAX_CHUNKS: Final = 8
-SERVOS: Final = attrgetter(*(f"servo{motor}_raw" for motor in range(1, 9)))
+SERVOS: Final = attrgetter(*(f"servo{output}_raw" for output in range(1, len(FUNCTIONS) + 1)))
 
 
 class ImplausibleError(Exception):
@@ -223,14 +225,15 @@ class Decoder:
             yield records.Range(t_s, range_m, m.id)
 
     def _servo_output_raw(self, m: Message, t_s: float) -> Iterator[Event]:
-        """Give the outputs as if no motor were reversed (MOT_n_DIRECTION = -1).
+        """Give the motors' outputs as if none were reversed (MOT_n_DIRECTION = -1); 0 for a motor without.
 
         Port 0 alone, and only once another message has told how often the µs stamp has wrapped.
         """
         now_s = self._clock.last_s
         if m.port != 0 or now_s is None:
             return
-        pulses_us = SERVOS(m)
+        outputs_us = (0, *SERVOS(m))
+        pulses_us = [outputs_us[output] for output in motor_outputs(self._parameters)]
         boot_s = self._clock.from_us(m.time_usec)
         if max(pulses_us) > MAX_PWM_US or abs(boot_s - now_s) > MAX_STAMP_SPREAD_S:
             raise ImplausibleError

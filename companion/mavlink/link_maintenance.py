@@ -7,7 +7,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import DIRECTIONS, QUALITY_PARAMETER
+from companion.mavlink.ardusub import DIRECTIONS, FUNCTIONS, QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import StreamRates
@@ -19,7 +19,7 @@ HEARTBEAT_S: Final = 1.0  # MAVLink's rate of heartbeats
 TIMESYNC_S: Final = 0.25  # a delay that changes is followed within seconds
 VERSION_S: Final = 5.0  # for people alone
 ORIGIN_S: Final = 2.0  # it is not told when it is set before we came
-PARAMETER_S: Final = 0.1  # all in 3 s, with little beside the streams
+PARAMETER_S: Final = 0.06  # all in 3 s, with little beside the streams
 PARAMETER_AGAIN_S: Final = (2.0, 60.0)
 """A parameter that was not answered is requested again at growing intervals: a firmware may not have it."""
 
@@ -41,6 +41,7 @@ PARAMETERS: Final = (
     "FS_LEAK_ENABLE",
     "SURFACE_DEPTH",
     *DIRECTIONS,
+    *FUNCTIONS,
     "BARO_PRIMARY",
     "BARO_SPEC_GRAV",
     "BARO1_GND_PRESS",

@@ -9,7 +9,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.identify.samples import NoDiveError, Rows, Streams
-from companion.mavlink.ardusub import DIRECTIONS, NEUTRAL_US, SPAN_US
+from companion.mavlink.ardusub import DIRECTIONS, FUNCTIONS, NEUTRAL_US, SPAN_US, motor_outputs
 from companion.records import Array
 from lab.identify.steering import MANUAL_CONTROL, OVERRIDE, Said, acted, is_armed, until_stale
 
@@ -46,8 +46,6 @@ MIN_MOTOR_HZ: Final = 4.0
 """Outputs of the motors that came more slowly give way to sticks that acted."""
 HORIZONTAL_VELOCITY, HORIZONTAL_POSITION, CONSTANT_POSITION = 1 << 1, 1 << 3 | 1 << 4, 1 << 7
 """Bits of EKF_STATUS_REPORT.flags and XKF4.SS: velocity; position, relative or not; it is assumed to stay."""
-FIRST_MOTOR_FUNCTION: Final = 33
-"""SERVOn_FUNCTION of motor 1."""
 
 
 class Telemetry:
@@ -142,7 +140,7 @@ class Telemetry:
         parameters = {name[12:]: float(of[-1, 1]) for name, of in said.items() if name[:12] == "PARAM_VALUE "}
         outputs = np.column_stack((at_s, said[OUTPUTS][main, 3:]))
         motors = motors_of(outputs, parameters, is_armed(at_s, said.get("HEARTBEAT")))
-        if "SERVO1_FUNCTION" not in parameters:
+        if FUNCTIONS[0] not in parameters:
             words += (
                 "; no SERVOn_FUNCTION and MOT_n_DIRECTION in it: motors 1 to 8, none reversed, are assumed"
             )
@@ -181,12 +179,8 @@ def motors_of(outputs: Array, parameters: Mapping[str, float], armed: Array) -> 
 
     It is unknown while the vehicle is not `armed`, 0: hands and winches may move it then.
     """
-    servo = {motor: motor for motor in range(1, 9)}
-    for number in range(1, 17):
-        motor = parameters.get(f"SERVO{number}_FUNCTION", 0.0) - FIRST_MOTOR_FUNCTION + 1
-        if motor in servo:
-            servo[int(motor)] = number
-    pwm_us = np.trunc(np.pad(outputs, ((0, 0), (0, 16)))[:, [*servo.values()]])
+    columns = [output or -1 for output in motor_outputs(parameters)]
+    pwm_us = np.trunc(np.pad(outputs, ((0, 0), (0, 16)))[:, columns])
     signs = [-1.0 if parameters.get(name, 1.0) < 0.0 else 1.0 for name in DIRECTIONS]
     demands = signs * np.clip((np.where(pwm_us == 0.0, NEUTRAL_US, pwm_us) - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
     return until_stale(np.column_stack((outputs[:, 0], np.where(armed[:, None] == 0.0, math.nan, demands))))

@@ -49,7 +49,17 @@ def command(t_s):
     return 0.2 * wave * AXES
 
 
-def steer(meter, delay_s, seconds=12.0, start_s=1000.0, ahead_s=3.0, commands=command, noise=0.0, seed=2):
+def steer(
+    meter,
+    delay_s,
+    seconds=12.0,
+    start_s=1000.0,
+    ahead_s=3.0,
+    commands=command,
+    noise=0.0,
+    seed=2,
+    seen=lambda axes: axes,
+):
     """Commands every tick from `ahead_s` before the first echo; the motors follow `delay_s` later.
 
     Their echo is stamped at its own pace.
@@ -64,7 +74,7 @@ def steer(meter, delay_s, seconds=12.0, start_s=1000.0, ahead_s=3.0, commands=co
         while known < len(sent_t) and sent_t[known] <= at_s + 0.02:
             meter.sent(sent_t[known], tuple(sent[known]))
             known += 1
-        axes = sent[index] + noise * rng.normal(size=4)
+        axes = seen(sent[index]) + noise * rng.normal(size=4)
         meter.echo(at_s + meter.clock.offset_s, tuple(axes))
     return start_s + seconds
 
@@ -145,6 +155,32 @@ def test_an_echo_of_somebody_else_changes_nothing():
         m.sent(t_s, tuple(axes))
         m.echo(t_s + m.clock.offset_s, tuple(0.1 * rng.normal(size=4)))
     assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
+
+
+def pushes(t_s):
+    """A push and a rest by turns: at rest whatever does not move is like what was sent."""
+    return 0.4 * max(np.sin(2.0 * np.pi * t_s / 1.3), 0.0) * AXES
+
+
+@pytest.mark.parametrize("commands", [command, pushes])
+@pytest.mark.parametrize(
+    "seen",
+    [lambda axes: 0.0 * axes, lambda axes: 0.0 * axes + 0.1, lambda axes: axes[[2, 3, 0, 1]]],
+    ids=["no pulses", "stands still", "of other motors"],
+)
+def test_an_echo_that_does_not_move_with_the_commands_is_none(seen, commands):
+    m = synced()
+    steer(m, 0.022, commands=commands, seen=seen)
+    assert not m.delays.command_known
+    assert m.delays.command_s == pytest.approx(BEFORE_ECHO_S)
+
+
+@pytest.mark.parametrize("commands", [command, pushes])
+def test_an_echo_that_is_a_tenth_weaker_is_one(commands):
+    m = synced()
+    steer(m, 0.04, commands=commands, seen=lambda axes: 0.9 * axes)
+    assert m.delays.command_known
+    assert m.delays.command_s == pytest.approx(0.04, abs=0.006)
 
 
 @pytest.mark.parametrize(("before_s", "after_s"), [(0.04, 0.12), (0.15, 0.03)])

@@ -1,6 +1,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from mavlink_wire import received, seen
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -33,6 +34,7 @@ from companion.records import (
     TimeSync,
 )
 from companion.telemetry.modes import Mode
+from lab.identify.telemetry import motors_of
 
 T = 100.0
 NAN, INF = math.nan, math.inf
@@ -419,6 +421,32 @@ def test_a_reversed_motor_is_turned_round_and_an_idle_one_stays_idle(counters, p
     convert(decoder, attitude(boot_ms=1000))
     (event,) = convert(decoder, servo(1_000_000, first=pwm_us))
     assert event.pwm_us == (expected, *range(1501, 1508))
+
+
+@pytest.mark.parametrize(
+    ("functions", "expected"),
+    [
+        ({}, (1, 2, 3, 4, 5, 6, 7, 8)),
+        ({1: 34, 2: 33}, (2, 1, 3, 4, 5, 6, 7, 8)),
+        ({n: 41 - n for n in range(1, 9)}, (8, 7, 6, 5, 4, 3, 2, 1)),
+        ({5: 0, 9: 37}, (1, 2, 3, 4, 9, 6, 7, 8)),
+        ({9: 37}, (1, 2, 3, 4, 9, 6, 7, 8)),
+        (dict.fromkeys(range(1, 9), 0) | {n: 24 + n for n in range(9, 17)}, (*range(9, 17),)),
+        ({7: 0, 8: 59}, (1, 2, 3, 4, 5, 6, 0, 0)),
+    ],
+    ids=["unknown", "swapped", "reversed", "moved", "moved, the old one unknown", "all moved", "six motors"],
+)
+def test_motors_are_read_at_the_outputs_that_drive_them(counters, functions, expected):
+    """By SERVOn_FUNCTION, in flight and in logs."""
+    said = {f"SERVO{output}_FUNCTION": float(function) for output, function in functions.items()}
+    decoder = Decoder(counters, parameters=said)
+    convert(decoder, attitude(boot_ms=1000))
+    message = mavlink.MAVLink_servo_output_raw_message(1_000_000, 0, *range(1501, 1517))
+    (event,) = convert(decoder, message)
+    assert event.pwm_us == tuple(1500 + output if output else 0 for output in expected)
+    row = np.array([[0.0, *(1500.0 + output for output in range(1, 17))]])
+    demands = [output / 400.0 for output in expected]
+    assert motors_of(row, said, np.ones(1))[0, 1:] == pytest.approx(demands)
 
 
 def test_the_origin_is_sent_in_ten_millionths_of_a_degree():
