@@ -54,7 +54,17 @@ class Deviation(NamedTuple):
     q: float
 
 
+MIN_COS_PITCH = 0.1
+"""Keeps θ off the singularity."""
+
 HELD_LEVEL = Held(reference.start(LIMITS, 0.0, 0.0), reference.start(LIMITS, 0.0, 0.0))
+
+
+def angle_rates(roll: float, pitch: float, p: float, q: float, r: float) -> tuple[float, float, float]:
+    """Return φ', θ', ψ' (rad/s) from the rates about the body's axes (Fossen 2011, eq. 2.28)."""
+    s, c = math.sin(roll), math.cos(roll)
+    turn = (q * s + r * c) / max(math.cos(pitch), MIN_COS_PITCH)
+    return p + math.sin(pitch) * turn, q * c - r * s, turn
 
 
 def step(held: Held, wanted: Angles, dt_s: float) -> Held:

@@ -14,8 +14,10 @@ from companion.config import Config, SupervisorLimits
 from companion.core import observer, observers
 from companion.core.actuation import NONE
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
+from companion.core.attitude import angle_rates
 from companion.core.observers import MAX_GAP_S, Inputs, Motion, ObserversMemory
 from companion.core.positioning import Model
+from companion.estimation.answers import AttitudeAnswers, DepthAnswers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.ground import Grounds
@@ -61,9 +63,6 @@ that may be ridden out, it is where the vehicle is."""
 
 ARMING_S = 0.5
 """So soon after arming the zero of depth is the autopilot's, which sets it then."""
-
-MIN_COS_PITCH = 0.1
-
 
 NOTHING = (math.nan, math.nan)
 """No value, of no time."""
@@ -126,6 +125,8 @@ class Estimator:
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets = DepthResets()
         self._begins_depth = False
+        self._depth_answers, self._attitude_answers = DepthAnswers(), AttitudeAnswers()
+        self._depth_doubt = self._attitude_doubt = ""
         self._came_s |= dict.fromkeys(("yaw_reset_s", "position_reset_s", "depth_reset_s"), -math.inf)
 
     def _begin(self) -> None:
@@ -215,6 +216,8 @@ class Estimator:
             delays=self._loop_delays,
             innovation=vector(map(add, motion.innovation, self._reset_by)),
             depth_refused=self._depth_refused,
+            depth_doubt=self._depth_doubt,
+            attitude_doubt=self._attitude_doubt,
             clock_doubt_s=self._meter.clock.doubt_s(now_s),
             frame_shift=FrameShift(self._shifted[PSI], *self._shifted[:PSI]) if any(self._shifted) else None,
             depth_offset_m=self.frame.sunk_m,
@@ -229,7 +232,7 @@ class Estimator:
     def _ages(self, now_s: float) -> Ages:
         return Ages(
             depth_s=now_s - self._measured_t_s[Z],
-            attitude_s=now_s - self._attitude.t_s,
+            attitude_s=now_s - self._measured_t_s[PSI],
             position_s=now_s - self._measured_t_s[X],
             **{name: now_s - t_s for name, t_s in self._came_s.items()},
         )
@@ -251,7 +254,8 @@ class Estimator:
     ) -> HeadingCheck:
         stale, watch, tick_s = inputs.stale, self._heading_watch, self._tick_s
         turns = inputs.learns[PSI] and not stale[PSI]
-        watch.turn(self._positions[PSI][0], _heading_rate(self._attitude), tick_s, turns)
+        *_, rate = angle_rates(*inputs.attitude)
+        watch.turn(self._positions[PSI][0], rate, tick_s, turns)
         pushes = self._held and all_motors and not (stale[X] or stale[Y] or stale[PSI])
         velocity = complex(self._rates[X][0], self._rates[Y][0])
         delay_s = self._loop_delays.total_s + self._sensor_delay_s[X]
@@ -342,9 +346,13 @@ class Estimator:
         ]
 
     def _on_attitude(self, event: events.Attitude) -> None:
-        self._attitude = event
         at_s = self._sampled(event, PSI)
-        heading_rate = _heading_rate(event)
+        believed_s, self._attitude_doubt = self._attitude_answers.step(event)
+        if self._attitude_doubt:
+            self._measured_t_s[PSI] = min(self._measured_t_s[PSI], believed_s)
+            return
+        self._attitude = event
+        *_, heading_rate = angle_rates(event.roll, event.pitch, event.p, event.q, event.r)
         turn_rad = self._yaw_resets.step(event.boot_s, event.yaw, heading_rate)
         if turn_rad:
             self._came_s["yaw_reset_s"] = event.t_s
@@ -359,6 +367,10 @@ class Estimator:
 
     def _on_depth(self, event: events.Depth) -> None:
         at_s = self._sampled(event, Z)
+        believed_s, self._depth_doubt = self._depth_answers.position(event.t_s, event.z_m)
+        if self._depth_doubt:
+            self._measured_t_s[Z] = min(self._measured_t_s[Z], believed_s)
+            return
         if event.boot_s is not None:
             climbs = event.t_s - self._sink_t_s <= MAX_GAP_S
             sink_mps = self._sink_mps if climbs else self._expected_sink_mps
@@ -380,6 +392,7 @@ class Estimator:
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: events.Pressure) -> None:
+        self._depth_answers.pressure(event.t_s, event.z_m)
         later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
         reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
         self._note_depth_reset(event.t_s, reset_m)
@@ -396,6 +409,9 @@ class Estimator:
 
     def _on_depth_rate(self, event: events.DepthRate) -> None:
         self._sink_mps, self._sink_t_s = event.w_mps, event.t_s
+        self._depth_answers.rate(event.t_s, event.w_mps)
+        if self._depth_doubt:
+            return
         at_s = self._sampled(event, Z)
         self._depths.rate(at_s, event.w_mps)
         self._rates[Z] = (event.w_mps, at_s - self._hidden_s)
@@ -428,9 +444,3 @@ class Estimator:
             self._armed_t_s = event.t_s
         self._heartbeat = event
         self._came_s["heartbeat_s"] = event.t_s
-
-
-def _heading_rate(attitude: events.Attitude) -> float:
-    """Return ψ' = (q sin φ + r cos φ)/cos θ (Fossen 2011, eq. 2.28), θ kept off the singularity."""
-    cos_pitch = max(math.cos(attitude.pitch), MIN_COS_PITCH)
-    return (attitude.q * math.sin(attitude.roll) + attitude.r * math.cos(attitude.roll)) / cos_pitch

@@ -116,6 +116,14 @@ class Condition(IntFlag):
         "the measured depth is plausible",
         "a plausible depth",
     )
+    DEPTH_DOUBTED = (
+        "the measured depth does not answer the vehicle's motion",
+        "the climb rate repeats exactly, or the depth does while the climb rate shows a motion, or the two "
+        "differ: such a depth is not used, and DEPTH STALE follows",
+        "restart the autopilot; check the depth sensor and its cable",
+        "the measured depth answers the vehicle's motion again",
+        "a depth that answers the vehicle's motion",
+    )
     DEPTH_STALE = (
         "no fresh depth",
         "no new, plausible one for depth_timeout_s",
@@ -129,6 +137,14 @@ class Condition(IntFlag):
         "check that ATTITUDE is streamed",
         "fresh attitude arrives",
         "a fresh attitude",
+    )
+    ATTITUDE_DOUBTED = (
+        "the measured attitude does not answer the vehicle's motion",
+        "an angle or a body rate repeats exactly, or gyro and angle turn against each other: such an "
+        "attitude is not used, and ATTITUDE STALE follows",
+        "restart the autopilot",
+        "the measured attitude answers the vehicle's motion again",
+        "an attitude that answers the vehicle's motion",
     )
     POSITION_STALE = (
         "no fresh position",

@@ -129,8 +129,12 @@ RULES: dict[Condition, Rule] = {
         lambda now, limits: not now.state.delays.total_s <= limits.max_delay_s, blocks=True
     ),
     C.DEPTH_JUMPED: Rule(lambda now, _: now.state.depth_refused, blocks=True, warns=True, freezes=True),
+    C.DEPTH_DOUBTED: Rule(lambda now, _: now.state.depth_doubt != "", blocks=True, warns=True, freezes=True),
     C.DEPTH_STALE: Rule(_depth_stale, blocks=True),
     C.ATTITUDE_STALE: Rule(_attitude_stale, blocks=True),
+    C.ATTITUDE_DOUBTED: Rule(
+        lambda now, _: now.state.attitude_doubt != "", blocks=True, warns=True, freezes=True
+    ),
     C.POSITION_STALE: Rule(_position_stale, warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),

@@ -17,6 +17,7 @@ from companion.supervision.supervisor import JUST_STARTED, StateMachine
 from companion.telemetry.glossary import NO_DETAILS, Details
 from companion.telemetry.modes import Mode
 
+C = Condition
 DISARM = 2.0
 """FS_PILOT_INPUT."""
 BEAT_S, LEAST_S = 1.5, 1e-3
@@ -71,8 +72,13 @@ class Supervision:
             engage=self.engagement.asked,
         )
         details = {**observed.details, **self.engagement.details, **_shortfall(watched.pull_n)}
-        if watched.unsteady:
-            details[Condition.INTERRUPTED_OFTEN] = (watched.interruption, "")
+        for found, conditions in (
+            (watched.interruption, (C.INTERRUPTED_OFTEN,)),
+            (state.depth_doubt, (C.DEPTH_DOUBTED, C.DEPTH_STALE)),
+            (state.attitude_doubt, (C.ATTITUDE_DOUBTED, C.ATTITUDE_STALE)),
+        ):
+            if found:
+                details |= dict.fromkeys(conditions, (found, ""))
         verdict = self._machine.step(assess(now, limits), dt_s, details)
         mode.update(previous, verdict, state)
         self.engagement.update(verdict, state.mode, details)

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from companion.estimation.estimator import MIN_COS_PITCH
+from companion.core.attitude import angle_rates
 from companion.records import Array
 from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
@@ -366,7 +366,7 @@ def read(vehicle: BatchVehicle, past: Rows, steps: int, slow: Rows, normals: Row
     sink = vehicle.depth_scale * ned_velocity(motion)[2] + slow[0, 1] + white[1] * normals[tick, 12]
     roll, pitch, yaw = euler(attitude)
     p, q, r = attitude[10], attitude[11], attitude[12]
-    rate = (q * math.sin(roll) + r * math.cos(roll)) / max(math.cos(pitch), MIN_COS_PITCH)
+    _, _, rate = angle_rates(roll, pitch, p, q, r)
     return Readings(
         north,
         east,

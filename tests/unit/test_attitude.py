@@ -16,6 +16,16 @@ ANGLE = st.floats(-attitude.MAX_ANGLE_RAD, attitude.MAX_ANGLE_RAD)
 NEWTONS = st.floats(-100.0, 100.0)
 
 
+@given(ANGLE, ANGLE, *[st.floats(-2.0, 2.0)] * 3)
+def test_the_rates_of_the_angles_turn_the_body_at_its_rates(roll, pitch, p, q, r):
+    """Fossen 2011, eq. 2.26: the body's rates are those of the angles about their own axes."""
+    roll_dot, pitch_dot, yaw_dot = attitude.angle_rates(roll, pitch, p, q, r)
+    s, c = math.sin(roll), math.cos(roll)
+    assert roll_dot - yaw_dot * math.sin(pitch) == pytest.approx(p, abs=1e-9)
+    assert pitch_dot * c + yaw_dot * s * math.cos(pitch) == pytest.approx(q, abs=1e-9)
+    assert -pitch_dot * s + yaw_dot * c * math.cos(pitch) == pytest.approx(r, abs=1e-9)
+
+
 def held(roll, pitch, roll_dot=0.0, pitch_dot=0.0):
     return attitude.Held(
         reference.State(roll, roll_dot, 0.0, 0.0, 0.0), reference.State(pitch, pitch_dot, 0.0, 0.0, 0.0)

@@ -54,6 +54,8 @@ BLOCKING = (
     C.TICK_LATE,
     C.TILTED,
     C.DEPTH_JUMPED,
+    C.DEPTH_DOUBTED,
+    C.ATTITUDE_DOUBTED,
     C.DEPTH_OUT_OF_BOUNDS,
     C.EKF_UNHEALTHY,
     C.INNOVATION_LARGE,
@@ -331,11 +333,12 @@ def delayed(total_s):
 
 def test_what_is_only_reported_is_reported_and_freezes_where_it_should():
     supervisor = brought_to(State.ACTIVE)
-    for condition in (*ONLY_REPORTED, C.BATTERY_LOW, C.DEPTH_JUMPED):
+    doubts = (C.DEPTH_JUMPED, C.DEPTH_DOUBTED, C.ATTITUDE_DOUBTED)
+    for condition in (*ONLY_REPORTED, C.BATTERY_LOW, *doubts):
         verdict = supervisor.step(condition, TICK_S)
         assert verdict.state is State.ACTIVE
         assert verdict.warnings == condition
-        assert verdict.freeze == (condition in (C.SATURATED, C.DEPTH_JUMPED, C.CLOCK_JUMPED))
+        assert verdict.freeze == (condition in (C.SATURATED, C.CLOCK_JUMPED, *doubts))
     calm = supervisor.step(NOTHING, TICK_S)
     assert (calm.warnings, calm.freeze) == (NOTHING, False)
 
@@ -416,6 +419,8 @@ SEEN = [
     ),
     (RESTING, {"lost_s": 0.81 * LIMITS.link_timeout_s}, C.INTERRUPTED_OFTEN),
     (RESTING, {"unsteady": True}, C.UNSTEADY),
+    (structs.replace(RESTING, depth_doubt="it repeats"), {}, C.DEPTH_DOUBTED),
+    (structs.replace(RESTING, attitude_doubt="it repeats"), {}, C.ATTITUDE_DOUBTED),
     (RESTING, {"other_first": True}, C.OTHER_FIRST),
     (RESTING, {"other_came": True}, C.OTHER_CAME),
     (RESTING, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),

@@ -1,0 +1,194 @@
+"""Whether what is measured answers what is done: a sensor may hang with fresh stamps, a rate may be wrong.
+
+| a signal is not believed where                                    | such as                              |
+|-------------------------------------------------------------------|--------------------------------------|
+| a fine one repeats exactly (`Repeats`)                            | the climb rate of an EKF that hangs  |
+| it stays while its rate says that it moves (`Partners.stands`)    | a pressure sensor that hangs         |
+| it and its rate go opposite ways (`Partners.opposed`)             | a rate of the wrong sign             |
+| they, and the pressure, show different motions (`Partners.differ`)| a rate of another scale              |
+"""
+
+import math
+
+from companion.core.attitude import angle_rates
+from companion.core.bounds import wrap
+from companion.records.events import Attitude
+
+FROZEN_S, IN_A_ROW = 0.4, 5
+"""A fine signal that repeats for so long, and so often, is frozen. On two real vehicles, one of them on a
+table, climb rate, angles and rates never came more than twice in a row (docs/ardusub.md, "Telemetry")."""
+
+FINE = 16.0
+"""A signal whose changes are usually so many times the least one is not rounded: a rounded one may rest."""
+
+CHANGES = 10.0
+"""So many changes make the usual one, as a geometric mean: it follows a motion that comes to rest."""
+
+MEMORY_S, STANDING_S = 2.0, 10.0
+"""How long a motion is remembered, and one during which the position stays: a small error of a rate shall not
+add up."""
+
+STANDS_STEPS = 3.0
+"""A position that stays may have moved by so many of its steps, and by `least`."""
+
+LONGEST_S, RATE_GAP_S = 1.2, 0.15
+"""Between two samples of a position (with nobody asking the pressure comes at 2 Hz), and of its rate: what
+happens in a longer gap nobody knows."""
+
+LEAST_M = 0.05
+"""The noise of a climb rate adds up to 11 mm over STANDING_S (docs/ardusub.md, "Telemetry")."""
+
+DIFFERENT = 0.5
+"""Share of the larger motion that may be missing in the other: an EKF with GPS shows 0.71 of it."""
+
+
+class Repeats:
+    """Since when one signal has repeated exactly."""
+
+    def __init__(self) -> None:
+        self.since_s = math.nan
+        """When it changed last."""
+        self._value = math.nan
+        self._in_a_row = 0
+        self._least = math.inf
+        self._log_usual = 0.0
+
+    def step(self, t_s: float, value: float) -> None:
+        """Take a sample that came at `t_s`."""
+        change = abs(value - self._value)
+        if change == 0.0:
+            self._in_a_row += 1
+            return
+        if not math.isnan(change):
+            self._least = min(self._least, change)
+            self._log_usual += (math.log(change) - self._log_usual) / CHANGES
+        self.since_s, self._value, self._in_a_row = t_s, value, 1
+
+    def frozen(self, now_s: float) -> bool:
+        """Tell whether it is a fine signal that repeats."""
+        lasts = self._in_a_row >= IN_A_ROW and now_s - self.since_s >= FROZEN_S
+        return lasts and self._log_usual >= math.log(FINE * self._least)
+
+
+class Partners:
+    """The motion that a position and its rate show, each over MEMORY_S.
+
+    A step of the position that is larger than `jump` and `fastest` explain is a reset, and no motion; nor is
+    less than `least`.
+    """
+
+    def __init__(self, jump: float, fastest: float, least: float, *, angular: bool = False) -> None:
+        self._jump, self._fastest, self._least, self._angular = jump, fastest, least, angular
+        self._rate_s = self._at_s = self.since_s = math.nan
+        self._rate = self._position = 0.0
+        self._came = self._way = self._moved = self._meanwhile = 0.0
+        self._step = math.inf
+
+    def rate(self, t_s: float, rate: float) -> None:
+        """Take a sample of the rate."""
+        gap_s = t_s - self._rate_s
+        if gap_s > RATE_GAP_S:
+            self._at_s = math.nan
+        elif gap_s > 0.0:
+            self._came += 0.5 * (rate + self._rate) * gap_s
+        self._rate_s, self._rate = t_s, rate
+
+    def position(self, t_s: float, position: float) -> None:
+        """Take a sample of the position; begin anew after a gap in it or in its rate."""
+        gap_s, moved, came = t_s - self._at_s, position - self._position, self._came
+        moved = wrap(moved) if self._angular else moved
+        self._at_s, self._position, self._came = t_s, position, 0.0
+        if not (0.0 <= gap_s <= LONGEST_S and t_s - self._rate_s <= RATE_GAP_S):
+            self._way = self._moved = self._meanwhile = 0.0
+            self.since_s = t_s
+            return
+        if moved:
+            self._step, self._meanwhile, self.since_s = min(self._step, abs(moved)), 0.0, t_s
+        else:
+            self._meanwhile = math.exp(-gap_s / STANDING_S) * self._meanwhile + came
+        if abs(moved - came) > self._jump + self._fastest * gap_s:
+            moved = came
+        keep = math.exp(-gap_s / MEMORY_S)
+        self._way, self._moved = keep * self._way + came, keep * self._moved + moved
+
+    @property
+    def stands(self) -> bool:
+        """Whether the position stays while the rate says that it moves."""
+        lasts = self._at_s - self.since_s >= FROZEN_S
+        return lasts and abs(self._meanwhile) > STANDS_STEPS * min(self._step, self._least) + self._least
+
+    @property
+    def opposed(self) -> bool:
+        """Whether the two go opposite ways."""
+        return self._way * self._moved < 0.0 and min(abs(self._way), abs(self._moved)) > self._least
+
+    @property
+    def differ(self) -> bool:
+        """Whether the two show different motions."""
+        larger = max(abs(self._way), abs(self._moved))
+        return abs(self._way - self._moved) > 3.0 * self._least + DIFFERENT * larger
+
+
+class DepthAnswers:
+    """Depth, climb rate and pressure, which shows a zero of depth that moves to be no motion."""
+
+    def __init__(self) -> None:
+        self._climb = Repeats()
+        self._depth, self._pressure = Partners(0.04, 2.0, LEAST_M), Partners(0.04, 2.0, LEAST_M)
+        self._pressure_s = -math.inf
+
+    def rate(self, t_s: float, w_mps: float) -> None:
+        """Take a sample of the climb rate, positive down."""
+        self._climb.step(t_s, w_mps)
+        self._depth.rate(t_s, w_mps)
+        self._pressure.rate(t_s, w_mps)
+
+    def pressure(self, t_s: float, z_m: float) -> None:
+        """Take a reading of the pressure."""
+        self._pressure_s = t_s
+        self._pressure.position(t_s, z_m)
+
+    def position(self, t_s: float, z_m: float) -> tuple[float, str]:
+        """Take a depth; return when it was believed last, and why it is not now."""
+        self._depth.position(t_s, z_m)
+        if self._climb.frozen(t_s):
+            return self._climb.since_s, f"the climb rate repeats for {t_s - self._climb.since_s:.1f} s"
+        if self._depth.stands:
+            return self._depth.since_s, "the depth repeats while the climb rate shows a motion"
+        moved_zero = t_s - self._pressure_s <= LONGEST_S and not self._pressure.differ
+        if self._depth.opposed or (self._depth.differ and not moved_zero):
+            return -math.inf, "depth and climb rate show different motions"
+        return t_s, ""
+
+
+class AttitudeAnswers:
+    """Angles and body rates."""
+
+    NAMES = ("roll", "pitch", "yaw", "roll rate", "pitch rate", "yaw rate")
+
+    def __init__(self) -> None:
+        self._repeats = [Repeats() for _ in self.NAMES]
+        jump, least = math.radians(1.0), math.radians(7.0)
+        self._partners = [Partners(jump, 2.0, least, angular=True) for _ in range(3)]
+
+    def step(self, sample: Attitude) -> tuple[float, str]:
+        """Take a sample; return when attitude was believed last, and why it is not now."""
+        t_s, gyro = sample.t_s, (sample.p, sample.q, sample.r)
+        angles = (sample.roll, sample.pitch, sample.yaw)
+        for repeats, value in zip(self._repeats, (*angles, *gyro), strict=True):
+            repeats.step(t_s, value)
+        frozen = [i for i, repeats in enumerate(self._repeats) if repeats.frozen(t_s)]
+        if frozen:
+            since_s = min(self._repeats[i].since_s for i in frozen)
+            return since_s, f"{self._named(frozen)}: the same for {t_s - since_s:.1f} s"
+        rates = angle_rates(sample.roll, sample.pitch, *gyro)
+        for partners, angle, rate in zip(self._partners, angles, rates, strict=True):
+            partners.rate(t_s, rate)
+            partners.position(t_s, angle)
+        opposed = [i for i, partners in enumerate(self._partners) if partners.opposed]
+        if opposed:
+            return -math.inf, f"{self._named(opposed)}: gyro and angle turn opposite ways"
+        return t_s, ""
+
+    def _named(self, signals: list[int]) -> str:
+        return ", ".join(self.NAMES[i] for i in signals)
