@@ -4,7 +4,6 @@ Units stand in the key names. Every key has a default here, and its meaning; doc
 The vehicle stands in a file of its own that `vehicle.preset` names: `config/vehicles/`.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
 from ipaddress import ip_network
 from pathlib import Path
@@ -26,26 +25,7 @@ DEFAULT_FILE = Path(__file__).parent.parent / "config" / "companion.toml"
 PRESETS = DEFAULT_FILE.parent / "vehicles"
 PRESET_KEY = "vehicle.preset"
 
-LOG = logging.getLogger("holdfast")
-
 T = TypeVar("T", bound=msgspec.Struct)
-
-REPLACED: Mapping[str, tuple[str, str]] = {
-    "supervisor.max_surprise_m": ("max_innovation_m", "its name is supervisor.max_innovation_m now"),
-    "supervisor.max_surprise_deg": ("max_innovation_deg", "its name is supervisor.max_innovation_deg now"),
-    "vehicle.rate_source": ("", "the depth rate is that of VFR_HUD.climb, which has the least noise"),
-    "levelling.enabled": ("", "roll and pitch are held level where vehicle.steering_mode is 'manual'"),
-}
-"""Keys of older versions: the key of the same section that takes the value, if one does, and the warning."""
-FORMER_VALUES: Mapping[str, Mapping[bool | str, str]] = {
-    "telemetry.allow_control": {False: "never", True: "always"},
-    "vehicle.depth_source": {"vfr_hud": "relative_alt", "ahrs2": "pressure"},
-    **{
-        f"{axis}.compensator": dict.fromkeys(("regressor", "regressor+observer"), "network+observer")
-        for axis in ("surge", "sway", "heave", "yaw")
-    },
-}
-"""Values that keys had in older versions, and what takes their place."""
 
 SCALE = "for thrusters k times as strong as T200, divide masses, inertias and damping by k"
 """The nominal model counts in newtons of a T200. The lightest vehicle: 3 kg with 1.5 kg of water and T500,
@@ -430,8 +410,6 @@ def _layers(path: Path, overrides: Sequence[str]) -> list[tuple[str, dict[str, A
     for override in overrides:
         validation.override(chosen, override)
     layers = [("default", msgspec.to_builtins(Config())), (str(path), file), ("--set", chosen)]
-    for source, table in layers[1:]:
-        _replace_former(source, table)
     presets = [
         (vehicle.pop("preset"), folder)
         for table, folder in ((chosen, Path()), (file, path.parent))
@@ -449,24 +427,6 @@ def _converted(table: dict[str, Any], kind: type[T], path: Path, overrides: Sequ
     except msgspec.ValidationError as error:
         said = validation.explained(table, str(error), kind)
         raise ConfigError(located(path, overrides, said)) from error
-
-
-def _replace_former(source: str, table: dict[str, Any]) -> None:
-    """Put in place of keys and values of older versions what replaces them, with a warning."""
-    for section, keys in table.items():
-        for key, value in list(keys.items()) if isinstance(keys, dict) else []:
-            name = f"{section}.{key}"
-            if name in REPLACED:
-                del keys[key]
-                new, words = REPLACED[name]
-                if new:
-                    keys.setdefault(new, value)
-            elif isinstance(value, bool | str) and value in FORMER_VALUES.get(name, ()):
-                keys[key] = FORMER_VALUES[name][value]
-                words = f"it is {keys[key]!r} now"
-            else:
-                continue
-            LOG.warning("%s: %s = %r is of an older version: %s", source, name, value, words)
 
 
 def _check_together(config: Config) -> None:

@@ -46,19 +46,6 @@ PILOT = (
 )  # fmt: skip
 """The commands in the order in which a pilot meets them; others are under `holdfast lab`."""
 
-REPLACED = {
-    **{
-        name: f"`holdfast lab {name}`"
-        for name in ("bench", "campaign", "faults", "paper", "tune", "rerun", "schema")
-    },
-    "recover": "`holdfast record --repair`",
-    "uninstall": "`holdfast install --remove`",
-    "foxglove": "`holdfast record`: Foxglove opens its MCAP files",
-    "keys": "the recipe of docs/telemetry.md for openssl",
-    "completion": "`holdfast --print-completion SHELL`",
-}
-"""Commands of the version before, and what took their place."""
-
 
 def commands_by_name() -> dict[str, EntryPoint]:
     """Return the subcommands that the installed packages register, `lab bench` and its like among them."""
@@ -143,8 +130,6 @@ def _dispatch(arguments: list[str], command: str) -> int:
         sys.stdout.write(f"{LAB}\n\n{_help(commands, [name for name in commands if name not in PILOT])}\n")
         return DONE
     if command not in commands:
-        if command in REPLACED:
-            raise RefusedError(f"is now {REPLACED[command]}")
         known = ", ".join(PILOT)
         raise RefusedError(f"there is no command '{command}'. Known: {known}. See `holdfast --help`.")
     status: int = commands[command].load()(arguments[len(command.split()) :])

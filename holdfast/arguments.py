@@ -19,16 +19,6 @@ def command_parser(command: str, description: str, examples: str) -> argparse.Ar
     )
 
 
-def removed_option(parser: argparse.ArgumentParser, option: str, instead: str) -> None:
-    """Let `option`, which is no more, end the command with what to do `instead`."""
-
-    class Removed(argparse.Action):
-        def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-            parser.error(f"{option} is no more: {instead}")
-
-    parser.add_argument(option, nargs="?", action=Removed, help=argparse.SUPPRESS)
-
-
 def located(file: Path, overrides: Sequence[str], said: str) -> str:
     """Return what is wrong with where it stands: in a `--set KEY=VALUE`, or in the file and on which line.
 

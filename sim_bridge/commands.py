@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.arguments import address, command_parser, removed_option
+from holdfast.arguments import address, command_parser
 
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
@@ -142,9 +142,6 @@ def _sim_parser() -> argparse.ArgumentParser:
         default=DEFAULT_CONFIG,
         help=said,
     )
-    removed_option(parser, "--inject", "`holdfast fault` sends one")
-    removed_option(parser, "--speed", "`lab.loop.lockstep` dives as fast as the machine can")
-    removed_option(parser, "--udp-listen", "call whoever listens by --udp-connect, or serve --tcp")
     return parser
 
 

@@ -16,7 +16,7 @@ from dashboard.arguments import WHERE, add_connect
 from dashboard.web import connections
 from dashboard.web.app import Dashboard
 from holdfast import files, port_taken
-from holdfast.arguments import address, command_parser, removed_option
+from holdfast.arguments import address, command_parser
 
 SHORTEST_TOKEN = 16  # 64 bits in hex digits
 
@@ -65,7 +65,6 @@ def settings(argv: list[str]) -> DashboardOptions:
     add("--allow-control", action="store_true", help="accept commands from users with the token")
     token = f"file with the token, {SHORTEST_TOKEN} characters or more; default: a new token"
     add("--token-file", metavar="FILE", type=Path, help=token)
-    removed_option(parser, "--record", "`holdfast record` is a process of its own")
     options = parser.parse_args(argv)
     if options.token_file and not options.allow_control:
         raise ValueError("--token-file: without --allow-control there is nothing to unlock")

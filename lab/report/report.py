@@ -5,7 +5,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 from holdfast.gate import bounded
 from lab.options import json_file
 from lab.report.figures import figures
@@ -37,8 +37,6 @@ def main(argv: list[str]) -> int:
     add("--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file")
     add("--json", type=json_file, metavar="FILE", help="also write all figures to FILE")
     add("--ticks", type=table_file, metavar="FILE", help="also write every number of every tick to FILE.csv")
-    removed_option(parser, "--table", "--json has the same figures")
-    removed_option(parser, "--foxglove", "Foxglove opens the recording itself")
     options = parser.parse_args(argv)
     log = bounded(load, options.files, options.files)
     found = figures(log)

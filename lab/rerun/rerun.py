@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.config import DEFAULT_FILE, REPLACED, Config, load_config
+from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import ordering
 from companion.identify.samples import NoDiveError
@@ -28,7 +28,7 @@ from companion.steps import finish
 from companion.telemetry.commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
-from holdfast.arguments import command_parser, removed_option
+from holdfast.arguments import command_parser
 from holdfast.gate import bounded
 from lab.identify.readers import kind_of
 from lab.options import add_settings
@@ -182,8 +182,8 @@ def _overlay(recorded: Mapping[str, Any], notes: list[str]) -> list[str]:
     for section, keys in recorded.items():
         for key, value in keys.items():
             name = f"{section}.{key}"
-            given |= {name, f"{section}.{REPLACED.get(name, (key,))[0]}"}
-            if key in known.get(section, {}) or name in REPLACED:
+            given.add(name)
+            if key in known.get(section, {}):
                 overrides.append(f"{name}={msgspec.json.encode(value).decode()}")
             else:
                 notes.append(f"{name} = {value!r} of the dive is no key any more")
@@ -204,8 +204,6 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="files of one dive, MCAP")
     add_settings(parser)
-    removed_option(parser, "--out", "the table says when and by how much the commands differ")
-    removed_option(parser, "--config", "--set KEY=VALUE changes a key of the recorded configuration")
     options = parser.parse_args(argv)
     tape, outcome = bounded(again, options.files, options.files, options.set)
     sys.stdout.write("\n".join(lines(tape, outcome, changed=bool(options.set))) + "\n")

@@ -161,14 +161,11 @@ def test_a_configuration_of_another_day_is_laid_on_todays(dive: list[telemetry.R
     old["heave"]["flux_capacity"] = 1.21
     del old["yaw"]["dead_zone"]
     old["heave"]["kappa_per_s"] = 7.5
-    old["supervisor"]["max_surprise_m"] = 0.25
-    del old["supervisor"]["max_innovation_m"]
     assert dive[0].start is not None
     start = msgspec.structs.replace(dive[0].start, config=old)
     tape = load([written(tmp_path / "x.mcap", [msgspec.structs.replace(dive[0], start=start)])])
     config = configured(tape)
     assert config.heave.kappa_per_s == 7.5
-    assert config.supervisor.max_innovation_m == 0.25
     assert any("heave.flux_capacity = 1.21" in note for note in tape.notes)
     assert any("yaw.dead_zone is newer" in note for note in tape.notes)
 

@@ -1,5 +1,4 @@
 import math
-import tomllib
 from pathlib import Path
 from typing import get_type_hints
 
@@ -10,9 +9,7 @@ import pytest
 from companion.assembly import observers, refuse_fast_gains
 from companion.config import (
     DEFAULT_FILE,
-    FORMER_VALUES,
     PRESETS,
-    REPLACED,
     Config,
     ConfigError,
     load_config,
@@ -217,68 +214,3 @@ class TestPresets:
         assert text.count("# sd 0.5") == 1
         (tmp_path / "written.toml").write_text(text, encoding="utf-8")
         assert load_vehicle(tmp_path / "written.toml") == vehicle
-
-
-FORMER = sorted((Path(__file__).parents[1] / "data" / "configurations").rglob("*.toml"))
-
-
-class TestFormerlyValidFiles:
-    """Files of earlier versions, as they were shipped: tests/data/README.md."""
-
-    @pytest.fixture(autouse=True)
-    def log(self, caplog):
-        self.caplog = caplog
-
-    def warned(self):
-        return [record.getMessage() for record in self.caplog.records]
-
-    @pytest.mark.parametrize("path", [path for path in FORMER if path.parent.name == "companion"], ids=str)
-    def test_a_configuration_keeps_each_of_its_values(self, path):
-        config, said = msgspec.to_builtins(load_config(path)), tomllib.loads(path.read_text())
-        said["vehicle"].pop("preset", None)
-        former = [
-            key
-            for section, keys in said.items()
-            for name, value in keys.items()
-            if (key := f"{section}.{name}") in REPLACED
-            or (key in FORMER_VALUES and value in FORMER_VALUES[key])
-        ]
-        assert len(self.warned()) == len(former)
-        for section, keys in said.items():
-            for name, value in keys.items():
-                if f"{section}.{name}" not in former:
-                    got = config[section][name]
-                    assert (list(got) if isinstance(got, tuple) else got) == value
-
-    @pytest.mark.parametrize("path", [path for path in FORMER if path.parent.name == "vehicles"], ids=str)
-    def test_a_vehicle_is_the_same(self, path):
-        assert load_vehicle(path) == load_vehicle(PRESETS / path.name)
-
-    @pytest.mark.parametrize("path", [path for path in FORMER if path.parent.name == "sim"], ids=str)
-    def test_a_simulated_vehicle_is_the_same(self, path):
-        from sim_bridge.config import load_config as load_sim
-
-        assert load_sim(path) == load_sim(DEFAULT_FILE.with_name(path.name))
-
-    def test_a_key_that_is_gone_is_named_with_what_replaces_it(self, tmp_path):
-        path = tmp_path / "old.toml"
-        path.write_text(
-            "[supervisor]\nmax_surprise_m = 0.25\n[levelling]\nenabled = false\n"
-            "[telemetry]\nallow_control = false\n"
-        )
-        config = load_config(path, ["supervisor.max_surprise_deg=12.5"])
-        assert config.supervisor.max_innovation_m == 0.25
-        assert config.supervisor.max_innovation_deg == 12.5
-        assert config.telemetry.allow_control == "never"
-        first, second, third, last = self.warned()
-        assert first.startswith(f"{path}: supervisor.max_surprise_m = 0.25")
-        assert "supervisor.max_innovation_m" in first
-        assert "vehicle.steering_mode" in second
-        assert "'never'" in third
-        assert last.startswith("--set: supervisor.max_surprise_deg")
-
-    def test_depth_sources_that_are_gone_become_the_ones_that_measure_the_same(self):
-        for former, source in (("vfr_hud", "relative_alt"), ("ahrs2", "pressure")):
-            overrides = [f"vehicle.depth_source={former}", 'vehicle.rate_source="vz"']
-            assert load_config(overrides=overrides).vehicle.depth_source == source
-        assert sum("VFR_HUD.climb" in words for words in self.warned()) == 2
