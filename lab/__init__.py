@@ -1,1 +1,1 @@
-"""Where companion and sim_bridge meet in virtual time, and the soak where they meet in real time."""
+"""Where companion and sim_bridge meet in virtual time."""

@@ -15,7 +15,6 @@ BENCHES = {
     "prediction": "lab.studies.prediction:Prediction",
     "rivals": "lab.studies.rivals:Rivals",
     "firmware": "lab.studies.fidelity:Fidelity",
-    "soak": "lab.operations.soak:Soak",
 }
 BENCH_EXAMPLES = """\
 further benches, each with its own --help:
@@ -26,14 +25,12 @@ further benches, each with its own --help:
               --scenarios: a gain of its own on each axis, light ones, a Heavy as measured in a tank
   rivals      other laws on such vehicles, in depth and in place
   firmware    our simulator beside the real ArduSub
-  soak        everything live for hours (--minutes N): memory, lateness, lost records
 
 examples:
   holdfast lab bench dives --seeds 4                             a quick look: all rows, 4 vehicles
   holdfast lab bench dives --rows default ppi --scenarios waves  compare two rows in one scenario
   holdfast lab bench dives --set heave.kappa_per_s=8             the shipped default with another gain
   holdfast lab bench dives --seeds 4 --table out/dives.csv       also a table with one row for each dive
-  holdfast lab bench soak --minutes 120                          two hours, everything live
 """
 PAPER_EXAMPLES = """\
 examples:

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from autopilot import Autopilot
 from client_tests import test_mavproxy  # noqa: F401 - it runs here
-
-from lab.ports import free_port
+from tools.processes import free_port
 
 
 @pytest.fixture

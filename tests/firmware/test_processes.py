@@ -10,12 +10,11 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from autopilot import Autopilot
+from tools.processes import HOLDFAST, free_port, running
 
 from companion.config import load_config
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
 
 VEHICLE = load_config().vehicle.name
 FAILSAFE_S = 3.0

@@ -6,9 +6,7 @@ import socket
 import subprocess
 
 import pytest
-
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
+from tools.processes import HOLDFAST, free_port, running
 
 
 def check(port, *arguments):

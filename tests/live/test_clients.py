@@ -6,8 +6,7 @@ from collections.abc import Iterator
 import pytest
 from autopilot import Autopilot, StandIn
 from client_tests import test_mavproxy  # noqa: F401 - it runs here
-
-from lab.ports import free_port
+from tools.processes import free_port
 
 
 @pytest.fixture

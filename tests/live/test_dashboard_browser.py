@@ -16,13 +16,12 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
+from tools.processes import HOLDFAST, free_port, running
 from waiting import until
 
 from companion.records import State
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
 
 STALE_WITHIN_S = 1.0
 ENGAGE_S = 8.0

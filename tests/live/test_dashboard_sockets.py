@@ -11,6 +11,7 @@ import aiohttp
 import msgspec
 import pytest
 from aiohttp import WSCloseCode, WSMsgType
+from tools.processes import free_port
 from waiting import in_a_loop
 
 from companion.telemetry.schemas import Reply
@@ -20,7 +21,6 @@ from dashboard.web.command import DashboardOptions, serve
 from dashboard.web.fleet import ROWS, Histories, VehicleHistory
 from dashboard.web.rows import empty_row
 from dashboard.zenoh_client import Subscription
-from lab.ports import free_port
 
 WAIT_S = 10.0
 STATUSES = round(3.0 / app.STATUS_S)

@@ -4,9 +4,7 @@ import socket
 
 import pytest
 from clients import mavproxy, needs_clients
-
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
+from tools.processes import HOLDFAST, free_port, running
 
 
 @pytest.mark.alone

@@ -7,13 +7,13 @@ import time
 from contextlib import ExitStack, asynccontextmanager
 
 import pytest
+from tools.processes import free_port
 from waiting import in_a_loop
 
 from companion.endpoint import Endpoint
 from companion.io import links
 from companion.io.links import Admission, MavlinkLink
 from companion.records import Sender
-from lab.ports import free_port
 
 WAIT_S = 5.0
 

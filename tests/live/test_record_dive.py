@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from tools.processes import HOLDFAST, free_port, running
 from waiting import until
 
 from companion.io.zenoh_publisher import Publisher
@@ -22,8 +23,6 @@ from dashboard.recording.mcap_file import Item, Reader, Recording
 from dashboard.recording.record import RecorderThread
 from dashboard.recording.recorder import FileLimits
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
 
 RESERVE = ("--reserve-mb", "1")
 

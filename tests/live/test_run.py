@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from tools.processes import HOLDFAST, free_port, running
 
 from companion.app import App
 from companion.config import load_config
@@ -27,8 +28,6 @@ from companion.mavlink.inbox import MAX_LOOKS
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
 from companion.telemetry.commands import SetPath
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
 
 NEUTRAL = (1500, 1500, 1500, 1500)
 PARSER = mavlink.MAVLink(None, 1, 1)

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from tools.processes import free_port
 
-from lab.ports import free_port
 from sim_bridge.app import MAX_CATCH_UP_STEPS
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.zenoh_link import inject

@@ -9,14 +9,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tools.processes import HOLDFAST, free_port, running
 from waiting import until
 
 from companion.config import load_config
 from companion.telemetry import schemas as telemetry
 from dashboard.terminal import move, tell
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
 
 VEHICLE = load_config().vehicle.name
 PATIENCE_S = 15.0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from tools.processes import free_port
 from waiting import until
 
 from companion.io.command_queue import ReceivedCommand
@@ -20,7 +21,6 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Reply
 from companion.telemetry.session import client_configuration, ticks_per_sample
 from dashboard.zenoh_client import Subscription
-from lab.ports import free_port
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = DOCS / "examples" / "zenoh"

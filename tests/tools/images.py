@@ -20,8 +20,8 @@ from typing import NamedTuple
 import msgspec
 
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
-from lab.ports import free_port
+
+from .processes import HOLDFAST, free_port, running
 
 PLATFORMS = {"armhf": "linux/arm/v7", "arm64": "linux/arm64", "amd64": "linux/amd64"}
 QEMU = {"armhf": "qemu-arm", "arm64": "qemu-aarch64"}

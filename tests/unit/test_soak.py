@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from builders import RECORDING
 from msgspec.structs import replace
+from tools import soak
+from tools.soak import ChildError, Minute, SoakLog
 
-from lab import commands
-from lab.operations import soak
-from lab.operations.soak import ChildError, Minute, SoakLog
+from lab.study import start
 
 
 def _minute(number: int) -> Minute:
@@ -30,8 +30,7 @@ def test_a_lost_record_or_a_dead_process_ends_with_1(
             raise ChildError("`holdfast sim` ended with status 1")
 
     monkeypatch.setattr(soak, "soaked", soaked)
-    command = ["soak", "--minutes", "1", "--out", str(tmp_path)]
-    assert commands.bench(command) == status
+    assert start(soak.Soak, ["--minutes", "1", "--out", str(tmp_path)]) == status
     written = json.loads((tmp_path / "soak.json").read_text(encoding="utf-8"))["soak"][0]
     assert written["records_lost"] == lost
     assert written["lateness_max_ms"] == 1.0

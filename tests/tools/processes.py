@@ -1,5 +1,6 @@
-"""Child processes for as long as a block of code lasts."""
+"""Child processes for as long as a block of code lasts, and the ports on which they meet."""
 
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -33,3 +34,11 @@ def running(
             child.wait()
         if child.stdout is not None:
             child.stdout.close()
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """Return a free loopback port; somebody else may take it before it is used."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

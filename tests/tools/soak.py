@@ -1,4 +1,4 @@
-"""`holdfast lab bench soak`: everything at once, live, for as long as asked, and whether anything grows.
+"""`python -m tests.tools.soak --minutes 120`: everything at once, live, and whether anything grows.
 
 Simulator, companion, dashboard with one browser, recorder. Once a minute `holdfast tell` moves the setpoint,
 and engages again if the companion let go.
@@ -9,6 +9,7 @@ import asyncio
 import math
 import shlex
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -25,10 +26,10 @@ import numpy as np
 
 from companion.telemetry import schemas as telemetry
 from dashboard.zenoh_client import Subscription
-from lab.operations.processes import HOLDFAST, running
 from lab.options import add_count, add_out
-from lab.ports import free_port
-from lab.study import Row, Study
+from lab.study import Row, Study, start
+
+from .processes import HOLDFAST, free_port, running
 
 VEHICLE = "soak"
 STEERS = "ACTIVE"
@@ -117,7 +118,7 @@ class SoakLog:
 class Soak(Study[Duration]):
     """Everything live for hours, in the command's own process."""
 
-    command = "lab bench soak"
+    command = "soak"
     about = "Runs everything live for hours, and measures memory, lateness and lost records."
     unit = rows_key = "minutes"
 
@@ -232,3 +233,7 @@ async def _browse(port: int) -> None:
                     async for _ in line:
                         pass
             await asyncio.sleep(1.0)
+
+
+if __name__ == "__main__":
+    sys.exit(start(Soak, sys.argv[1:]))

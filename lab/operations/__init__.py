@@ -1,1 +1,0 @@
-"""What only measures the processes: memory, lateness and lost records, for hours."""
