@@ -21,6 +21,8 @@ class Endpoint(NamedTuple):
         place, _, number = rest.rpartition(":")
         if kind not in ("udp-listen", "udp-connect", "tcp", "serial") or not place:
             raise ValueError(f"write it as {FORMS}")
+        if kind == "serial" and not re.fullmatch(r"/\S+", place):
+            raise ValueError(f"the device must be a path such as /dev/ttyAMA0; allowed forms: {FORMS}")
         if kind == "serial" and number not in bauds():
             raise ValueError(f"the baud rate must be one of {', '.join(bauds())}; allowed forms: {FORMS}")
         if kind != "serial" and not (re.fullmatch("[0-9]{1,5}", number) and 1 <= int(number) <= 65535):

@@ -13,8 +13,8 @@ from holdfast.arguments import command_parser
 
 EXAMPLES = """\
 examples:
-  holdfast install             as root: write and start the services; again after an upgrade, or where
-                               link.endpoint became a serial line
+  holdfast install             as root: write and start the services; again after an upgrade, or where an
+                               endpoint became a serial line
   holdfast install --remove    stop and remove them; configuration and dives stay
 
 The services holdfast, holdfast-record and holdfast-dashboard start now and at every boot;
@@ -73,6 +73,7 @@ def _install() -> None:
     import dashboard.web.app  # noqa: F401
     from companion.assembly import refuse_fast_gains
     from companion.config import DEFAULT_FILE, load_config
+    from companion.endpoint import Endpoint
 
     try:
         config = load_config(CONFIGURATION if CONFIGURATION.exists() else DEFAULT_FILE)
@@ -83,10 +84,14 @@ def _install() -> None:
         raise RefusedError(f"{CONFIGURATION}: leads to {error!r}: correct it, and repeat") from error
     files = {Path(file.name): file.read_text(encoding="utf-8") for file in TEMPLATES.glob("*.service")}
     files = {name: text.replace(IN_TEMPLATES, str(PROGRAM)) for name, text in files.items()}
-    if match := re.fullmatch(r"serial:(/[^\s:]+):\d+", config.link.endpoint):
+    ends = (Endpoint.parse(text) for text in (config.link.endpoint, config.ground_station.endpoint) if text)
+    # systemd reads a single % or backslash as the beginning of something else
+    devices = [re.sub(r"[%\\]", r"\g<0>\g<0>", end.place) for end in ends if end.kind == "serial"]
+    if devices:
+        allowed = "".join(f"DeviceAllow={device} rw\n" for device in devices)
         files[SERIAL] = (
-            f"# From link.endpoint in {CONFIGURATION}, by `holdfast install`.\n"
-            f"[Service]\nPrivateDevices=no\nDeviceAllow={match[1]} rw\nSupplementaryGroups=dialout\n"
+            f"# From the endpoints in {CONFIGURATION}, by `holdfast install`.\n"
+            f"[Service]\nPrivateDevices=no\n{allowed}SupplementaryGroups=dialout\n"
         )
     else:
         (UNITS / SERIAL).unlink(missing_ok=True)

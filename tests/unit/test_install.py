@@ -147,6 +147,30 @@ def test_a_vehicle_that_is_steered_or_was_engaged_meanwhile_is_not_let_go(
     assert machine.files() == before
 
 
+BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        (f'[link]\nendpoint = "serial:{BY_PATH}:115200"\n', [BY_PATH]),
+        ('[link]\nendpoint = "serial:/dev/by-50%:57600"\n', ["/dev/by-50%%"]),
+        (
+            '[ground_station]\nendpoint = "serial:/dev/ttyUSB0:57600"\n'
+            '[vehicle]\nthrust_path = "manual_control"\n'
+            f'[link]\nendpoint = "serial:{BY_PATH}:115200"\n',
+            [BY_PATH, "/dev/ttyUSB0"],
+        ),
+    ],
+)
+def test_the_service_may_use_each_device_that_an_endpoint_names(machine, text, allowed):
+    installing.CONFIGURATION.write_text(text)
+    assert install() == 0
+    lines = (installing.UNITS / installing.SERIAL).read_text().splitlines()
+    assert [line for line in lines if "DeviceAllow" in line] == [f"DeviceAllow={one} rw" for one in allowed]
+    assert {"PrivateDevices=no", "SupplementaryGroups=dialout"} <= set(lines)
+
+
 def test_a_serial_line_gets_its_drop_in_and_loses_it_again(machine):
     installing.CONFIGURATION.write_text(SERIAL)
     install()
