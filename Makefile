@@ -1,11 +1,13 @@
 # Everything here needs Python 3.11 to 3.14 with venv, and make. Each target does its own set-up in .venv, which keeps
-# the Python that it was made with; `make test PYTHONS=python3.13` makes it anew with another.
+# the Python that it was made with; `make test PYTHONS=python3.13` makes it anew with another, and
+# `make quick PYTHONS=python3.13 VENV=build/python3.13` leaves it alone.
 
 PYTHONS := python3 python3.14 python3.13 python3.12 python3.11
-BIN := .venv/bin
-STAMP := .venv/.installed
-DEMO := .venv/.installed-demo
-DOCS := .venv/.installed-docs
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+DEMO := $(VENV)/.installed-demo
+DOCS := $(VENV)/.installed-docs
 CLIENTS := build/clients
 REAL_CLOCKS := tests/live tests/firmware/test_processes.py tests/firmware/test_clients_firmware.py
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
@@ -93,11 +95,11 @@ $(CLIENTS)/.installed: requirements/clients.lock $(STAMP)
 	@touch $@
 
 # What a pilot needs; `make test` adds the tools of development to the same .venv.
-$(DEMO): .venv/pyvenv.cfg pyproject.toml requirements/demo.lock
+$(DEMO): $(VENV)/pyvenv.cfg pyproject.toml requirements/demo.lock
 	$(call set_up,requirements/demo.lock)
 	@touch $@
 
-$(STAMP): .venv/pyvenv.cfg pyproject.toml requirements/dev.lock
+$(STAMP): $(VENV)/pyvenv.cfg pyproject.toml requirements/dev.lock
 	$(call set_up,requirements/dev.lock)
 	@touch $@ $(DEMO)
 
@@ -112,12 +114,12 @@ FITTING := import os, sys, venv, ensurepip; \
 fitting = $(shell for name in $(1); do $$name -c '$(FITTING)' 2>/dev/null && break; done)
 
 # .venv is made anew where its Python has gone or changed, or PYTHONS= asks for another one.
-FOUND := $(call fitting,.venv/bin/python)
+FOUND := $(call fitting,$(BIN)/python)
 ASKED := $(if $(filter command%,$(origin PYTHONS)),$(call fitting,$(PYTHONS)),$(FOUND))
-ifneq ($(shell sed -n "s/^executable = //p" .venv/pyvenv.cfg 2>/dev/null) $(ASKED),$(FOUND) $(FOUND))
-.PHONY: .venv/pyvenv.cfg
+ifneq ($(shell sed -n "s/^executable = //p" $(VENV)/pyvenv.cfg 2>/dev/null) $(ASKED),$(FOUND) $(FOUND))
+.PHONY: $(VENV)/pyvenv.cfg
 endif
-.venv/pyvenv.cfg:
+$(VENV)/pyvenv.cfg:
 	@python='$(call fitting,$(PYTHONS))'; \
 	if [ -z "$$python" ]; then \
 	    echo 'Holdfast needs Python 3.11 to 3.14 with venv; for newer ones numba and others have no files yet.' >&2; \
@@ -125,8 +127,8 @@ endif
 	    echo 'On Debian or Ubuntu: sudo apt-get install python3-venv' >&2; \
 	    exit 1; \
 	fi; \
-	echo "Setting up .venv with $$python; the first time takes a minute."; \
-	"$$python" -m venv --clear .venv
+	echo "Setting up $(VENV) with $$python; the first time takes a minute."; \
+	"$$python" -m venv --clear $(VENV)
 
 define set_up
 	$(INSTALL) --no-compile --require-hashes --only-binary :all: -r $(1)

@@ -47,3 +47,43 @@ def test_a_python_that_does_not_fit_is_refused_in_words(tmp_path):
     assert done.returncode == 2
     assert "Holdfast needs Python 3.11 to 3.14" in done.stderr
     assert "new: Python 3.15.0" in done.stderr
+
+
+def test_ci_tries_each_python_that_the_machine_has_beside_the_one_of_make_test(tmp_path):
+    """One minor version each: one that does not run, like a shim of pyenv, counts for nothing."""
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci")
+    pyenv = tmp_path / "pyenv" / "versions"
+    for path, version in (
+        (tmp_path / ".venv" / "bin" / "python", "3.12.7"),
+        (tmp_path / "bin" / "python3.11", "3.11.2"),
+        (tmp_path / "bin" / "python3.12", "3.12.3"),
+        (tmp_path / "bin" / "python3.13", ""),
+        (tmp_path / "bin" / "python3.14", ""),
+        (pyenv / "3.11.9" / "bin" / "python3.11", "3.11.9"),
+        (pyenv / "3.13.0" / "bin" / "python3.13", "3.13.0"),
+    ):
+        program(path, f"echo {version}" if version else "exit 127")
+    for name in ("systemd-nspawn", "chromium"):
+        program(tmp_path / "bin" / name, "")
+    program(tmp_path / "bin" / "make", 'echo "make $*"')
+    done = subprocess.run(
+        [tmp_path / ".ci" / "run"],
+        env={"PATH": f"{tmp_path / 'bin'}:/usr/bin:/bin", "PYENV_ROOT": str(tmp_path / "pyenv")},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    tested, *quick, said = done.stdout.splitlines()
+    assert tested == "make test"
+    assert quick == [
+        "make quick PYTHONS=python3.11 VENV=build/python3.11",
+        f"make quick PYTHONS={pyenv}/3.13.0/bin/python3.13 VENV=build/python3.13",
+    ]
+    assert said == "make test passed on Python 3.12.7, make quick on 3.11.2 3.13.0"
+
+
+def program(path: Path, body: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o755)
