@@ -210,7 +210,7 @@ class CommandQueue:
         """
         if not self.prepare(engine, 1):
             return bool(self._waiting)
-        payloads = [command.payload for command in self._waiting]
+        payloads = [command.payload for command in self._waiting.copy()]  # another thread appends meanwhile
         first = next((i for i, payload in enumerate(payloads) if isinstance(payload, commands.Release)), 0)
         for _ in range(first):
             self._answer(
