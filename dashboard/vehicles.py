@@ -132,7 +132,10 @@ V = TypeVar("V", bound=Vehicle)
 
 
 class Fleet(Generic[V]):
-    """Every vehicle that was heard, at most `MOST_VEHICLES`. What cannot be read is reported in `trouble`."""
+    """Every vehicle that was heard, at most `MOST_VEHICLES`: a new one takes the place of one that is silent.
+
+    What cannot be read is reported in `trouble`.
+    """
 
     def __init__(self, make: Callable[[str], V]) -> None:
         self._make = make
@@ -151,7 +154,7 @@ class Fleet(Generic[V]):
             root, name, tail = (*message.key.split("/", 2), "", "")[:3]
             try:
                 self._read(message, root, name, tail, now_s)
-            except (ValueError, RecursionError) as error:
+            except Exception as error:  # of a stranger's message; the next one may be read
                 self.trouble = telemetry.printable(str(error)[:MOST_TEXT])
 
     def _read(self, message: Message, root: str, name: str, tail: str, now_s: float) -> None:
@@ -160,7 +163,10 @@ class Fleet(Generic[V]):
             return
         record = _printable(telemetry.decode(*message))
         if name not in self.vehicles and len(self.vehicles) >= MOST_VEHICLES:
-            raise ValueError(f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown")
+            silent = max(self.vehicles.values(), key=lambda one: one.age_s(now_s))
+            if silent.age_s(now_s) < FORGET_S:
+                raise ValueError(f"'{name}' is one vehicle too many: {MOST_VEHICLES} are shown")
+            del self.vehicles[silent.name]
         if name not in self.vehicles:
             self.vehicles[name] = self._make(name)
         self.vehicles[name].take(tail, record, now_s)

@@ -58,9 +58,6 @@ ANSWERS, MOVES_ALONG = 0.5, 0.7
 """Shares of the vehicle's motion: a ground that makes less has not moved along, one that makes more has: all
 and nothing are equally likely at one half, and 0.7 is a standard deviation (1/5) beyond."""
 
-MOST_SENSORS = 10
-"""As many rangefinders as ArduPilot has."""
-
 
 class GroundTrack(NamedTuple):
     """The filter's ground, and the rate at which it falls."""
@@ -181,10 +178,9 @@ class Grounds:
         while self._poses[0][0] < now_s - self._delay_s - HISTORY_S:
             del self._poses[0]
         for one in ranges:
-            if one.sensor in self._sensors or len(self._sensors) < MOST_SENSORS:
-                measured_s = one.t_s - telemetry_s - self._delay_s
-                sensor = self._sensors.setdefault(one.sensor, Sensor())
-                sensor.take(one, measured_s, *self._pose(measured_s))
+            measured_s = one.t_s - telemetry_s - self._delay_s
+            sensor = self._sensors.setdefault(one.sensor, Sensor())  # 256 at most, by one byte
+            sensor.take(one, measured_s, *self._pose(measured_s))
         best, most = UNKNOWN, -1
         for number, sensor in self._sensors.items():
             ground = sensor.ground(now_s)

@@ -147,6 +147,10 @@ def test_there_is_an_end_to_vehicles(make_sample: MakeSample, monkeypatch: pytes
     assert found is not None
     assert found.name == "kelp"
     assert seen.get("dulse") is None
+    later_s = 2.0 + vehicles.FORGET_S
+    seen.take(_messages(make_sample(t_s=later_s), vehicle="wrack"), now_s=later_s)
+    seen.take(_messages(make_sample(), vehicle="dulse"), now_s=later_s)
+    assert list(seen.vehicles) == ["wrack", "dulse"], "kelp fell silent"
 
 
 _PREFIXES = ("", "x.", "y.", "z.", "psi.", "", "", "")

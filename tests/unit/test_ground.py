@@ -106,6 +106,15 @@ def test_of_several_sensors_the_one_that_answers_is_followed():
     assert found[-1] == pytest.approx(6.0, abs=0.3)
 
 
+def test_a_sensor_is_used_however_many_were_heard_before():
+    """Sensors 0 to 9 said something once, as forged or renumbered ones do; the eleventh was never used."""
+    grounds = Grounds()
+    grounds.step(0.0, [Range(0.0, 1.0, number) for number in range(10)], 4.0, 1.0)
+    for tick in range(1, 300):
+        found = grounds.step(0.02 * tick, [Range(0.02 * tick, 4.0, 200)], 4.0, 1.0)
+    assert found.depth_m == pytest.approx(8.0, abs=0.01)
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.4, 0.8])
 def test_a_late_range_is_added_to_the_depth_of_its_own_time(delay_s):
     """The vehicle heaves over a level ground; the range has 1 cm of noise."""

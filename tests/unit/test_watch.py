@@ -132,6 +132,20 @@ def test_a_strange_message_is_reported_and_what_it_does_not_show_is_no_trouble(
     assert "holdfast.State.v1" in _screen(fleet)
 
 
+def test_a_message_that_leads_to_an_error_costs_no_other(make_sample: MakeSample) -> None:
+    """One that nobody had foreseen stopped the page for ever."""
+
+    def made(name: str) -> Vehicle:
+        return {"kelp": Vehicle}[name](name)
+
+    fleet, sample = Fleet(made), make_sample()
+    for name in ("wrack", "kelp"):
+        messages = [Message(key, payload) for key, _, payload in samples.encode(sample, name)]
+        fleet.take(messages, now_s=1.0)
+    assert list(fleet.vehicles) == ["kelp"]
+    assert "wrack" in fleet.trouble
+
+
 def test_nothing_that_is_published_reaches_the_terminal_as_a_control_character(
     make_sample: MakeSample,
 ) -> None:
