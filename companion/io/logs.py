@@ -3,9 +3,12 @@
 import logging
 import queue
 import threading
+import time
 from contextlib import suppress
 from logging.handlers import QueueHandler
 from typing import TextIO
+
+from companion.telemetry.repeats import Repeats, cause
 
 MOST_LINES = 1000
 """Lines that may wait; more are dropped."""
@@ -20,13 +23,19 @@ class ThreadHandler(QueueHandler):
     def __init__(self, stream: TextIO) -> None:
         super().__init__(queue.Queue(MOST_LINES))
         self._stream = stream
+        self._repeats = Repeats()
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
     def enqueue(self, record: logging.LogRecord) -> None:
-        """Take a line (logging calls this)."""
+        """Take a line, while there are few of its cause (logging calls this)."""
+        now_s = time.monotonic()
+        lines = [self.prepare(logging.makeLogRecord({"msg": text})) for text in self._repeats.left_out(now_s)]
+        if self._repeats.passes(cause(record.msg), now_s):
+            lines.append(record)
         with suppress(queue.Full):
-            self.queue.put_nowait(record)
+            for line in lines:
+                self.queue.put_nowait(line)
 
     def close(self) -> None:
         """Let the last lines out, if the stream takes them in time."""

@@ -32,7 +32,7 @@ from companion.telemetry.session import RETRY_S, SessionThread, configuration
 from holdfast import RefusedError
 
 _QUEUE = 64  # samples: 1.3 s at 50 Hz
-_MAIL = 256  # events and answers
+_MAIL = 256  # events, and as many answers
 _ROUTER_GRACE = 25  # attempts to rejoin a router, 5 s, before we take the port that it may want back
 _CLOSE_S = 0.5
 _ASK_S = 1.0  # for the network to name the companions there are
@@ -95,7 +95,8 @@ class Publisher(SessionThread):
         self.beside = Beside(zenoh.ZError)
         self._queue: queue.SimpleQueue[_Offered | None] = queue.SimpleQueue()
         self._last: dict[str, _Sample] = {}
-        self._mail: deque[telemetry.Schema | _Answer] = deque(maxlen=_MAIL)
+        self._mail: deque[telemetry.Schema] = deque(maxlen=_MAIL)
+        self._answers: deque[_Answer] = deque(maxlen=_MAIL)
         self._name_checked = threading.Event()
         self._existing_instance = ""
         self._joined = False
@@ -221,7 +222,10 @@ class Publisher(SessionThread):
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
                         for _ in range(len(self._mail)):
-                            self.beside.do("telemetry", partial(self._deliver, session, now_and_then))
+                            item = self._mail.popleft()
+                            self.beside.do("telemetry", partial(self._deliver, session, now_and_then, item))
+                        for _ in range(len(self._answers)):
+                            self.beside.do("telemetry", partial(_answer, *self._answers.popleft()))
                         if offered is not None:
                             send = partial(self._publish, session, publishers, raw, *offered)
                             self.beside.do("telemetry", send)
@@ -304,8 +308,9 @@ class Publisher(SessionThread):
             session.declare_queryable(telemetry.key(vehicle, "command", name), on_command)
 
     def _reply(self, query: zenoh.Query, reply: telemetry.Reply) -> None:
-        self._mail.append((query, reply))
-        self._queue.put(None)
+        self._answers.append((query, reply))
+        if self._queue.empty():  # else the thread wakes anyway
+            self._queue.put(None)
 
     def _stamp(self, session: zenoh.Session) -> zenoh.Timestamp | None:
         return session.new_timestamp() if self._stamps else None
@@ -325,17 +330,16 @@ class Publisher(SessionThread):
         if raw is not None:
             raw_publisher.put(msgspec.msgpack.encode(raw))
 
-    def _deliver(self, session: zenoh.Session, publishers: _NowAndThen) -> None:
-        item = self._mail.popleft()
-        if isinstance(item, tuple):
-            query, reply = item
-            with suppress(zenoh.ZError), query:
-                encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
-                query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
-            return
+    def _deliver(self, session: zenoh.Session, publishers: _NowAndThen, item: telemetry.Schema) -> None:
         publisher, payload = publishers[type(item)], telemetry.to_json(item)
         self._last[str(publisher.key_expr)] = payload, self._stamp(session)
         publisher.put(payload)
+
+
+def _answer(query: zenoh.Query, reply: telemetry.Reply) -> None:
+    with suppress(zenoh.ZError), query:
+        encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
+        query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
 
 
 def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:

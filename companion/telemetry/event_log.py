@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 from companion.records import Condition, ControlSample, FrameShift, State, Verdict
 from companion.telemetry.commands import CommandResult
@@ -15,6 +16,7 @@ from companion.telemetry.glossary import (
     course,
     on_engaging,
 )
+from companion.telemetry.repeats import Repeats, cause
 from companion.telemetry.schemas import Event, Kind, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET | Condition.DEPTH_RESET
@@ -24,9 +26,10 @@ Happened = Iterator[tuple[Severity, Kind, str]]
 
 
 class EventLog:
-    """Compares each tick with the one before."""
+    """Compares each tick with the one before. Changes of state are always told, others while they are few."""
 
     def __init__(self) -> None:
+        self._repeats = Repeats()
         self._state: State | None = None
         self._reason = ""
         self._conditions = Condition(0)
@@ -49,18 +52,27 @@ class EventLog:
         vehicle's name that came, `peer_changes` which link got another peer.
         """
         state = sample.state
-        happened = (
-            *_told(sample, results, duplicate_instances, peer_changes),
-            *self._condition_changes(sample.verdict),
-            *self._motor_changes(state.dead_motor),
-            *self._course_changes(sample),
-            *self._reset(sample),
-            *self._state_changes(sample),
+        happened = chain(
+            _told(sample, results, duplicate_instances, peer_changes),
+            self._condition_changes(sample.verdict),
+            self._motor_changes(state.dead_motor),
+            self._course_changes(sample),
+            self._reset(sample),
+            self._state_changes(sample),
         )
         return [
             Event(t_s=state.t_s, boot_s=state.boot_s, severity=severity, kind=kind, text=text)
-            for severity, kind, text in happened
+            for severity, kind, text in self._few(happened, state.t_s)
         ]
+
+    def _few(self, happened: Happened, now_s: float) -> Happened:
+        """Leave out what happens too often; what others say counts together, whatever they say."""
+        for text in self._repeats.left_out(now_s):
+            yield "warning", "condition", text
+        for severity, kind, text in happened:
+            said = f"{kind}, {severity}" if kind in ("command", "autopilot") else cause(text)
+            if kind == "state" or self._repeats.passes(said, now_s):
+                yield severity, kind, text
 
     def _condition_changes(self, verdict: Verdict) -> Happened:
         before, now = self._conditions, verdict.conditions & ~UNSAID

@@ -1,5 +1,6 @@
 """What the event key tells of a dive: what changed, once, in words."""
 
+from msgspec.structs import replace
 from virtual import Dive, active
 
 from companion.records import Condition, State
@@ -66,3 +67,30 @@ def test_commands_are_reported_with_their_answer():
         ("warning", "command", "engage: refused: no"),
         ("warning", "condition", "another companion of this name came: instance 47\\n11"),
     ]
+
+
+def test_a_flood_of_refused_commands_hides_nothing_else_and_is_counted():
+    """Whoever may not command it asked 75 000 times: 1200 lines, and nothing else was left on the page."""
+    dive, log = Dive(), EventLog()
+    refused = [CommandResult(f"hold depth {n} m", Reply(done=False, said="refused: no")) for n in range(2)]
+    events = reported(dive, 24.0, log, results=refused, duplicate_instances=["4f11"])
+    texts = [text for _, _, text in events]
+    assert sum(text.startswith("hold depth") for text in texts) == 30, "ten in ten seconds"
+    assert texts.count("990 more lines in 10 s were left out: command, warning") == 2
+    assert sum(text.startswith("another companion") for text in texts) == 30
+    assert sum("left out: another companion of this name came: instance" in text for text in texts) == 2
+    assert {"ACTIVE: engaged", "Arming motors", "the vehicle is armed"} <= set(texts)
+
+
+def test_a_condition_that_flickers_is_told_at_times_and_each_change_of_state_at_once():
+    sample, log, events = active().run(0.02)[-1].sample, EventLog(), []
+    for tick in range(1000):
+        on = Condition.SATURATED if tick % 2 else Condition(0)
+        state = State.READY if tick % 100 == 99 else State.ACTIVE
+        verdict = replace(sample.verdict, conditions=on, state=state)
+        now = replace(sample.state, t_s=100.0 + 0.02 * tick)
+        events += log.step(replace(sample, state=now, verdict=verdict))
+    texts = [event.text for event in events]
+    assert texts.count(Condition.SATURATED.text) == texts.count(Condition.SATURATED.ended) == 20
+    assert "240 more lines in 10 s were left out: " + Condition.SATURATED.text in texts
+    assert sum(event.kind == "state" for event in events) == 20

@@ -124,6 +124,59 @@ def test_a_query_returns_the_last_sample_of_every_key(
     assert commands == []
 
 
+def test_a_flood_of_answers_costs_no_event(endpoint: str, make_sample: Callable[..., ControlSample]) -> None:
+    """They waited in one row with the events, which is 256 long."""
+    commands: list[ReceivedCommand] = []
+    heard: set[str] = set()
+
+    def event(text: str) -> telemetry.Event:
+        return telemetry.Event(t_s=1.0, boot_s=1.0, severity="info", kind="state", text=text)
+
+    def keep(sample: zenoh.Sample) -> None:
+        heard.add(msgspec.json.decode(sample.payload.to_bytes())["text"])
+
+    with Publisher("kelp", endpoint, on_command=commands.append) as publisher:
+        publisher.claim(5.0)
+        with _stranger("client", endpoint) as session:
+            session.declare_subscriber(telemetry.key("kelp", "event"), keep)
+
+            def comes() -> bool:
+                publisher.offer(make_sample(), events=[event("before")])
+                return "before" in heard
+
+            until(comes)
+            for _ in range(600):
+                session.get(telemetry.key("kelp", "command", "engage"), lambda _: None, timeout=30.0)
+            until(lambda: len(commands) == 600)
+            publisher.offer(make_sample(), events=[event("among them")])
+            for command in commands:
+                command.answer(telemetry.Reply(done=False, said="refused"))
+            until(lambda: "among them" in heard, within_s=5.0)
+
+
+def test_a_subscriber_opens_a_new_session_after_an_error_that_nobody_has_foreseen(
+    endpoint: str, feed: Feed, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The page was blank from then on: its process lives, so that nothing starts it again."""
+
+    class PanicError(BaseException):
+        """As Zenoh's PanicException, which is no Exception."""
+
+    opened, panics = zenoh.open, [PanicError("no more files")] * 2
+
+    def panicking(config: zenoh.Config) -> zenoh.Session:
+        if threading.current_thread().name == "zenoh-client" and panics:
+            raise panics.pop()
+        return opened(config)
+
+    monkeypatch.setattr(zenoh, "open", panicking)
+    with Publisher("kelp", endpoint) as publisher, Subscription("holdfast/**", endpoint) as seen:
+        feed(publisher)
+        until(lambda: bool(seen.take()))
+    assert not panics
+    assert caplog.text.count("a new session follows PanicError('no more files')") == 1
+
+
 def test_a_router_is_joined_and_given_time_to_come_back(
     endpoint: str, feed: Feed, caplog: pytest.LogCaptureFixture
 ) -> None:
