@@ -3,6 +3,7 @@
 `log_time` is when the sample was true, `publish_time` when it was published, both in UTC nanoseconds.
 """
 
+import errno
 import os
 import struct
 import zlib
@@ -87,7 +88,7 @@ class Recording:
         self.messages = 0
         self._reserved = reserved
         self._file = path.open("xb")
-        self._safe = 0  # bytes that are on the disk
+        self._safe = 0  # bytes that are on the disk, once there are samples among them
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION])
         self._writer.start(profile="", library="holdfast")
         self._channels: dict[tuple[str, str], int] = {}
@@ -116,10 +117,12 @@ class Recording:
         self._writer.add_metadata(name, dict(table))
 
     def sync(self) -> None:
-        """Close the chunk and put it on the disk."""
+        """Close the chunk and put it on the disk, if the file is still there."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         os.fdatasync(self._file.fileno())
-        self._safe = self._file.tell()
+        if not os.fstat(self._file.fileno()).st_nlink:
+            raise FileNotFoundError(errno.ENOENT, "somebody deleted it", str(self.path))
+        self._safe = self._file.tell() if self.messages else 0
 
     def close(self) -> None:
         """Write summary and index, and close."""
@@ -128,11 +131,15 @@ class Recording:
         os.fdatasync(self._file.fileno())
         self._file.close()
 
-    def give_up(self) -> None:
-        """Close as it is after an OSError: readable up to the last `sync`."""
+    def give_up(self) -> bool:
+        """Close as it is after an OSError: readable up to the last `sync`; tell whether anything is."""
         with suppress(OSError):
             self._file.close()
-        os.truncate(self.path, self._safe)
+        if self._safe:
+            os.truncate(self.path, self._safe)
+        else:
+            self.path.unlink()
+        return self._safe > 0
 
     def _channel(self, item: Item) -> int:
         if len(self._channels) >= MAX_CHANNELS and (item.key, item.encoding) not in self._reserved:
@@ -283,7 +290,6 @@ def repair(source: Path) -> str:
         recording.close()
     except BaseException:
         recording.give_up()
-        target.unlink()
         raise
     if reader.whole and not reader.broken_chunks:
         target.unlink()

@@ -109,6 +109,7 @@ class RecorderThread(SessionThread):
                 self._keep(sample)
 
         with ExitStack() as stack:
+            stack.callback(recorder.stop)  # if the session is lost, or something unforeseen happens
             enter, alive = stack.enter_context, session.liveliness()
             enter(session.declare_subscriber(f"holdfast/{vehicle}/**", keep))
             enter(session.declare_subscriber(f"sim/{vehicle}/truth", keep))

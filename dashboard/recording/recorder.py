@@ -1,6 +1,6 @@
 """What to keep and for how long: rotation, free space, times, status. No Zenoh, no thread and no clock.
 
-Trouble with the disk ends the recording, never the process: `said` tells it.
+Trouble with the disk ends a file, never the process: `said` tells it, and another file begins once it works.
 """
 
 import math
@@ -30,6 +30,9 @@ MAX_LOST_TICKS = 1_000_000
 """A number that rises by more has restarted: five hours and a half at 50 Hz."""
 EVENTS_KEPT = 1000  # ten times what a companion repeats
 NS_PER_S = 1e9
+AGAIN_S = 5
+"""Between attempts to begin a file."""
+AGAIN = f"tries again every {AGAIN_S} s"
 
 REPAIR = "`holdfast record --repair FILE` adds its index"
 
@@ -69,6 +72,8 @@ class DiveRecorder:
         self._limits = limits
         self._about = {**about, "vehicle": vehicle}
         self._file: Recording | None = None
+        self._again_s = math.inf
+        """Until a file is begun, by the calls of `each_second`; infinite while none is wanted."""
         self._tables: dict[str, Mapping[str, str]] = {}
         self._messages = self._left_out = 0
         self._losses = Losses(ticks_per_sample)
@@ -80,8 +85,12 @@ class DiveRecorder:
         self._own = f"holdfast/{vehicle}/"
         self._channels = _channels(vehicle)
 
-    def stop(self, why: str = "stopped when asked") -> None:
-        """Finish the file."""
+    def stop(self) -> None:
+        """Finish the file; begin no other one."""
+        self._again_s = math.inf
+        self._finish("stopped when asked")
+
+    def _finish(self, why: str) -> None:
         if self._file is None:
             return
         name = self._file.path.name
@@ -126,17 +135,20 @@ class DiveRecorder:
 
     def each_second(self, utc_ns: int) -> None:
         """Put all on the disk, begin a new file where it is time, and stop where the disk is nearly full."""
+        if self._file is None:
+            self._again_s -= 1
+            if self._again_s <= 0:
+                self.start(utc_ns)
+            return
         try:
-            if self._file is None:
-                return
             self._file.sync()
         except OSError as error:
             self._give_up(error)
             return
         if short := self._short_of_room():
-            self.stop(f"stopped: {short}")
+            self._finish(f"stopped: {short}; {AGAIN}")
         elif self._file.size_bytes >= self._limits.max_bytes:
-            self.stop()
+            self._finish("began another")
             self.start(utc_ns)
 
     def _short_of_room(self) -> str:
@@ -196,30 +208,33 @@ class DiveRecorder:
         return times.t_s, times.boot_s if (key, encoding) in self._channels else math.nan, times.tick
 
     def start(self, utc_ns: int) -> bool:
-        """Begin a file; tell whether one is open now, and in `said` why not."""
-        directory = self._limits.directory
+        """Begin a file; tell whether one is open now, and in `said` why not: `each_second` tries again."""
+        self._again_s, directory = AGAIN_S, self._limits.directory
         try:
             directory.mkdir(parents=True, exist_ok=True)
             if short := self._short_of_room():
-                self.said = f"not recording: {directory} has {short}"
+                self.said = f"not recording: {directory} has {short}; {AGAIN}"
                 return False
             path = _unused(directory, self.vehicle, utc_ns)
             self._file = Recording(path, self._channels)
             self._file.describe("holdfast", {**self._about, "began_utc": _utc(utc_ns).isoformat()})
             for name, table in self._tables.items():
                 self._file.describe(name, table)
+            self._file.sync()  # else a full disk would be told a second later
             self.said = f"recording to {path.name}"
         except OSError as error:
             self._give_up(error)
         return self._file is not None
 
     def _give_up(self, error: OSError) -> None:
+        why, left = error.strerror or str(error), False
         file, self._file = self._file, None
-        self.said = f"not recording: {error.strerror or error}: {error.filename or self._limits.directory}"
+        self.said = f"not recording: {why}: {error.filename or self._limits.directory}; {AGAIN}"
         if file is not None:
-            self.said = f"stopped: {error.strerror or error}; {file.path.name} is truncated, {REPAIR}"
             with suppress(OSError):
-                file.give_up()
+                left = file.give_up()
+        if file is not None and left:
+            self.said = f"stopped: {why}; {file.path.name} is truncated, {REPAIR}; {AGAIN}"
 
 
 class Losses:

@@ -1,6 +1,8 @@
 """A recording keeps what came, plots as it is, and gives back all but a cut end."""
 
+import errno
 import json
+import os
 import resource
 import shutil
 import struct
@@ -25,7 +27,7 @@ from dashboard.recording.mcap_file import (
     schema_of,
 )
 from dashboard.recording.record import main as record_main
-from dashboard.recording.recorder import DiveRecorder, FileLimits, Losses
+from dashboard.recording.recorder import AGAIN_S, DiveRecorder, FileLimits, Losses
 
 MakeSample = Callable[..., ControlSample]
 UTC_NS = 1_795_000_000_000_000_000
@@ -242,6 +244,8 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
         for second in range(10):
             feed(kept, ticks[50 * second : 50 * second + 50], 50 * second)
             kept.each_second(0)
+            if not kept.status(10.0, 0).recording:
+                break
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert "File too large" in kept.said
@@ -271,6 +275,101 @@ def test_a_reserve_stays_free(
     assert reader.whole  # there was room for its index
     assert not kept.start(UTC_NS)
     assert "not recording" in kept.said
+
+
+Break = Callable[[pytest.MonkeyPatch, Path], Callable[[], None]]
+
+
+def nearly_full(monkeypatch: pytest.MonkeyPatch, directory: Path) -> Callable[[], None]:
+    disk = SimpleNamespace(free=0)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: disk)
+    return lambda: setattr(disk, "free", 1_000_000_000)
+
+
+def full(monkeypatch: pytest.MonkeyPatch, directory: Path) -> Callable[[], None]:
+    """As a quota does it: there is room by statvfs, and nothing can be written."""
+    before = os.fdatasync
+
+    def fails(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fdatasync", fails)
+    return lambda: monkeypatch.setattr(os, "fdatasync", before)
+
+
+def gone(monkeypatch: pytest.MonkeyPatch, directory: Path) -> Callable[[], None]:
+    """As where a stick is not plugged in: no folder can be made."""
+    away = directory.rename(directory.with_name("away"))
+    directory.write_text("")
+
+    def back() -> None:
+        directory.unlink()
+        away.rename(directory)
+
+    return back
+
+
+@pytest.mark.parametrize(
+    ("trouble", "at_start"),
+    [(nearly_full, True), (nearly_full, False), (full, True), (full, False), (gone, True)],
+)
+def test_the_recorder_goes_on_once_the_disk_does(
+    tmp_path: Path,
+    ticks: list[list[tuple[str, str, bytes]]],
+    monkeypatch: pytest.MonkeyPatch,
+    trouble: Break,
+    at_start: bool,
+) -> None:
+    """It stopped for ever, though somebody made room: its process lives, so that nothing starts it again."""
+    (folder := tmp_path / "dives").mkdir()
+    kept, second = recorder(folder, reserve_bytes=500_000_000), iter(range(1000))
+
+    def record(seconds: int) -> None:
+        for _ in range(seconds):
+            feed(kept, ticks[:50])
+            kept.each_second(UTC_NS + next(second) * 1_000_000_000)
+
+    if not at_start:
+        kept.start(UTC_NS)
+        record(3)
+    mend = trouble(monkeypatch, folder)
+    if at_start:
+        kept.start(UTC_NS)
+    record(30)
+    assert not kept.status(10.0, 0).recording
+    assert kept.said.startswith("not recording: ")
+    assert kept.said.endswith("; tries again every 5 s")
+    mend()
+    assert len(list(folder.iterdir())) == (0 if at_start else 1), "an attempt leaves nothing"
+    record(AGAIN_S)
+    status = kept.status(10.0, 0)
+    assert status.recording
+    assert kept.said == f"recording to {Path(status.file).name}"
+    feed(kept, ticks)
+    kept.stop()
+    assert len(list(Reader(Path(status.file)))) >= 4000
+    record(20)
+    assert not kept.status(10.0, 0).recording, "nobody wants it"
+    assert kept.said.startswith("stopped when asked; ")
+
+
+def test_a_file_that_somebody_deletes_is_followed_by_another(
+    tmp_path: Path, ticks: list[list[tuple[str, str, bytes]]]
+) -> None:
+    """Its owner makes room: what is written into a file without a name is lost, and frees nothing."""
+    kept = recorder(tmp_path)
+    kept.start(UTC_NS)
+    kept.each_second(UTC_NS)
+    (path,) = tmp_path.glob("*.mcap")
+    path.unlink()
+    kept.each_second(UTC_NS)
+    assert kept.said == f"not recording: somebody deleted it: {path}; tries again every 5 s"
+    for _ in range(AGAIN_S):
+        kept.each_second(UTC_NS)
+    feed(kept, ticks)
+    kept.stop()
+    (path,) = tmp_path.glob("*.mcap")
+    assert len(list(Reader(path))) == 4000
 
 
 # --- What a stranger's file may cost ----------------------------------------------------------------------
