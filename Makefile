@@ -40,13 +40,12 @@ quick: $(STAMP)  ## unit and property tests, without those that compile: about a
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
 
 hunt: $(STAMP)  ## look for new examples of what must hold for any input; takes hours
-	@$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt --timeout 0 tests/unit tests/property || { \
-	    echo 'Keep what was found: put the "Falsifying example" above its test as @example(...),'; \
-	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
-	    exit 1; }
-	@n=$$(nproc); seq $$n | xargs -P $$n -I @ $(BIN)/python -m tests.tools.fuzz_engine \
-	    --ticks $$((1000000 / n)) --first @000001 || { \
+	@$(BIN)/python -m tests.tools.fuzz_engine --ticks 1000000 --jobs $$(nproc) --first $$(date +%s); fuzzed=$$?; \
+	$(BIN)/pytest -n auto --dist worksteal -m hypothesis --hypothesis-profile hunt --timeout 0 tests/unit \
+	    tests/property && [ $$fuzzed = 0 ] || { \
 	    echo '`python -m tests.tools.fuzz_engine --first N --dives 1` repeats dive N: mend the fault.'; \
+	    echo 'What pytest found: put the "Falsifying example" above its test as @example(...),'; \
+	    echo 'see that the test fails without --hypothesis-profile, and then mend the fault.'; \
 	    exit 1; }
 
 check: $(STAMP)  ## style, types, which package imports which, and the size of each

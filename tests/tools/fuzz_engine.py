@@ -2,7 +2,8 @@
 
 A stand-in vehicle dives with the engine in virtual time. Storms come upon its telemetry: every message type
 that the companion decodes, any value in any field, NaN and extremes, any stamp, two clocks; what is lost,
-late, repeated and out of order; other senders and a ground station; an operator who presses every button.
+late, repeated and out of order; streams that stutter, signals that stand still under fresh stamps; other
+senders and a ground station; an operator who presses every button. Half of the vehicles dive in a drawn sea.
 Between storms it is calm, and the engine is asked to engage again, so that storms meet it while it steers.
 Every fifth dive has no vehicle: messages alone, wholly random. Every second has a configuration drawn from
 the types' own ranges, their ends included. Commands are drawn from their types too: paths of every kind,
@@ -12,14 +13,16 @@ What the process does beside the tick is done too: map, events, the pilot's disp
 Held in every tick: nothing raises, no command leads to an error that nobody foresaw, and
 `lab.studies.promises`. Held after a long calm: the estimator has found depth and heading again.
 
-A dive's number is its seed: `--first N --dives 1` repeats it.
+A dive's number is its seed: `--first N --dives 1` repeats it. `--jobs` dives go on at once.
 """
 
 import argparse
 import contextlib
 import json
 import math
+import multiprocessing
 import re
+import signal
 import struct
 import sys
 import traceback
@@ -69,7 +72,7 @@ from sim_bridge.vehicle import Vehicle
 CONFIG = Path(__file__).parents[2] / "config"
 TICK_S = 0.02
 DIVE_TICKS = 1500
-STORM_TICKS = (25, 200)
+STORM_TICKS = ((25, 200), (25, 200), (200, 900))
 CALM_TICKS = 250
 ORDER_TICKS = 100
 PATH_TICKS = 20
@@ -80,6 +83,8 @@ a turn, which rates of 26 rad/s made, with a time constant of 2.6 s."""
 NEAR_M, NEAR_RAD = 0.2, 0.1
 PIECES = 20
 """Of what is done between two ticks."""
+TOLD_DIVES = 50
+"""After so many the number of ticks is told."""
 
 VEHICLE, US, GROUND = (1, 1), (255, 25), (255, 190)
 
@@ -95,6 +100,7 @@ VARIANTS: tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...] = (
     (HEAVY, (), ('vehicle.depth_source="pressure"',)),
     (SIX, (), ('vehicle.frame="vectored"',)),
 )
+SEA_HEIGHTS_M, SEA_PERIODS_S = (0.1, 2.0), (2.0, 12.0)
 WITH_GROUND = ('ground_station.endpoint="udp-listen:127.0.0.1:14551"', 'vehicle.thrust_path="manual_control"')
 
 
@@ -404,6 +410,70 @@ def clocks(rng: Random, _: "Fuzzed") -> Spoil:
     return altered(change)
 
 
+SIGNALS = (
+    ("z", "alt", "relative_alt", "altitude"),
+    ("vz", "climb"),
+    ("press_abs",),
+    ("roll", "pitch", "yaw", "hdg", "heading"),
+    ("rollspeed", "pitchspeed", "yawspeed"),
+    ("x", "y", "lat", "lon", "vx", "vy"),
+    ("current_distance",),
+    tuple(f"servo{n}_raw" for n in range(1, 9)),
+)
+"""What one sensor or filter gives, by the names of its fields in all messages."""
+
+STREAMS = tuple(
+    KINDS[number]
+    for number in (
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_ATTITUDE,
+        mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+        mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
+        mavlink.MAVLINK_MSG_ID_VFR_HUD,
+        mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
+    )
+)
+
+
+def frozen(rng: Random, _: "Fuzzed") -> Spoil:
+    """Signals that stand still, are 0, have the wrong sign or coarse steps, under fresh stamps."""
+    wrong = {name for signal in rng.sample(SIGNALS, rng.choice((1, 1, 1, 2, 3))) for name in signal}
+    how = rng.choice(("still", "still", "still", "zero", "turned", "coarse"))
+    step, kinds = 10.0 ** rng.uniform(-2.0, 3.0), rng.choice((tuple(KINDS.values()), STREAMS, STREAMS[:3]))
+    kept: dict[tuple[int, int], Any] = {}
+
+    def change(kind: Kind, values: list[Any]) -> None:
+        for i, (name, code) in enumerate(zip(kind.fields, kind.codes, strict=True)):
+            if kind not in kinds or name not in wrong or not math.isfinite(values[i]):
+                continue
+            now, first = values[i], kept.setdefault((kind.id, i), values[i])
+            if how == "coarse":
+                now = first + step * round((now - first) / step)
+            new = {"still": first, "zero": 0, "turned": -now}.get(how, now)
+            values[i] = _float32(new) if code == "f" else _within(code, new)
+
+    return altered(change)
+
+
+def stutters(rng: Random, _: "Fuzzed") -> Spoil:
+    """Streams fall silent and come again, one, some or all of them, by turns or together, evenly or not."""
+    some = [frozenset(rng.sample(STREAMS, rng.randint(1, 3))) for _ in range(rng.choice((1, 1, 2, 3)))]
+    turns = rng.choice((some, some, [frozenset(KINDS.values())]))
+    silent_s, heard_s = 10.0 ** rng.uniform(-1.0, 0.5), 10.0 ** rng.uniform(-2.0, 0.5)
+    uneven, until_s, turn = rng.choice((0.0, 0.0, 0.5)), 0.0, 0
+
+    def spoil(now_s: float, inbox: Inbox) -> Inbox:
+        nonlocal until_s, turn
+        if now_s >= until_s:
+            turn += 1
+            until_s = now_s + (silent_s if turn % 2 else heard_s) * (1.0 + rng.uniform(-uneven, uneven))
+        silent = turns[turn // 2 % len(turns)] if turn % 2 else frozenset()
+        return [(t_ns, data) for t_ns, data in inbox if not (known := opened(data)) or known[0] not in silent]
+
+    return spoil
+
+
 def twin(rng: Random, _: "Fuzzed") -> Spoil:
     """A second autopilot with the same system id and another clock, elsewhere."""
     off_s, off = rng.choice((-1.0, 1.0)) * 10.0 ** rng.uniform(-2.0, 6.0), rng.gauss(0.0, 2.0)
@@ -416,6 +486,12 @@ def twin(rng: Random, _: "Fuzzed") -> Spoil:
                 values[i] = values[i] + off
 
     return altered(change, beside=True)
+
+
+def _within(code: str, value: float) -> int:
+    bits = RANGES[code]
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
+    return min(max(round(value), low), high)
 
 
 def _stamp(value: float, code: str) -> int:
@@ -514,6 +590,10 @@ STORMS = (
     one_field,
     one_field,
     one_field,
+    frozen,
+    frozen,
+    stutters,
+    stutters,
     clocks,
     clocks,
     twin,
@@ -639,6 +719,14 @@ class Tally:
     answers: Counter[str] = field(default_factory=Counter)
     states: Counter[State] = field(default_factory=Counter)
 
+    def add(self, other: "Tally") -> None:
+        """Take what came of others."""
+        self.recovered += other.recovered
+        self.ticks += other.ticks
+        self.paths += other.paths
+        self.answers += other.answers
+        self.states += other.states
+
 
 def storm(rng: Random, dive: Fuzzed) -> list[Spoil]:
     """Return one to three things that go wrong at once."""
@@ -657,10 +745,20 @@ def fuzz(number: int, tally: Tally) -> None:
     if rng.random() < 0.2:
         _messages_alone(rng, fuzzed, tally)
     else:
-        sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)))
+        sea = ("current.enabled=false", *sea, *rng.choice(((), POSITIONED)), *rng.choice(((), _sea(rng))))
         vehicle = Vehicle(load_plant(CONFIG / plant, sea), number)
         loop = Lockstep(vehicle, fuzzed, LinkDelay(), number, config.loop.rate_hz)  # type: ignore[arg-type]
         _dive(rng, fuzzed, loop, tally, config if ours else None)
+
+
+def _sea(rng: Random) -> tuple[str, ...]:
+    return (
+        "waves.enabled=true",
+        f"waves.spectrum={rng.choice(('jonswap', 'regular'))}",
+        f"waves.height_m={rng.uniform(*SEA_HEIGHTS_M)}",
+        f"waves.period_s={rng.uniform(*SEA_PERIODS_S)}",
+        f"waves.direction_deg={rng.uniform(0.0, 360.0)}",
+    )
 
 
 def _messages_alone(rng: Random, fuzzed: Fuzzed, tally: Tally) -> None:
@@ -683,7 +781,7 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Conf
     calm, left = 0, CALM_TICKS
     for _ in range(DIVE_TICKS):
         if left == 0 and not fuzzed.spoils:
-            fuzzed.spoils, left = storm(rng, fuzzed), rng.randint(*STORM_TICKS)
+            fuzzed.spoils, left = storm(rng, fuzzed), rng.randint(*rng.choice(STORM_TICKS))
         elif left == 0:
             fuzzed.spoils, left = [], rng.choice((CALM_TICKS, CALM_TICKS, RECOVERED_TICKS + 10))
         left -= 1
@@ -704,25 +802,37 @@ def _dive(rng: Random, fuzzed: Fuzzed, loop: Lockstep, tally: Tally, sound: Conf
                 promise(bool(missed <= near), f"{believed} where it is {true}, long after the storm")
 
 
+def told(number: int) -> tuple[Tally, str]:
+    """Return what came of a dive, and what it broke; empty if nothing."""
+    tally = Tally()
+    try:
+        fuzz(number, tally)
+    except Exception:  # the finding is told, and the next dive begins
+        return tally, f"dive {number}, tick {tally.ticks}: {traceback.format_exc(-1)}"
+    return tally, ""
+
+
 def main() -> int:
-    """Fuzz until so many ticks are done; say what came of it."""
+    """Fuzz until so many ticks are done; say what came of it, also where it is interrupted."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--ticks", type=int, default=20_000)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--dives", type=int, default=sys.maxsize)
+    parser.add_argument("--jobs", type=int, default=1)
     chosen = parser.parse_args()
-    tally, broken = Tally(), 0
-    for number in range(chosen.first, chosen.first + chosen.dives):
-        if tally.ticks >= chosen.ticks:
-            break
-        at = tally.ticks
-        try:
-            fuzz(number, tally)
-        except Exception:  # the finding is told, and the next dive begins
-            broken += 1
-            sys.stdout.write(f"dive {number}, tick {tally.ticks - at}: {traceback.format_exc(-1)}")
+    tally, dives, broken = Tally(), 0, 0
+    alone = signal.signal, (signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is this process's
+    with multiprocessing.Pool(chosen.jobs, *alone) as pool, contextlib.suppress(KeyboardInterrupt):
+        for done, finding in pool.imap(told, range(chosen.first, chosen.first + chosen.dives)):
+            tally.add(done)
+            dives, broken = dives + 1, broken + bool(finding)
+            sys.stdout.write(finding)
+            if tally.ticks >= chosen.ticks:
+                break
+            if dives % TOLD_DIVES == 0:
+                sys.stdout.write(f"{tally.ticks} ticks so far\n")
             sys.stdout.flush()
-    sys.stdout.write(f"{broken} dives break a promise; {tally}\n")
+    sys.stdout.write(f"{tally.ticks} ticks in {dives} dives, {broken} break a promise; {tally}\n")
     return int(broken > 0)
 
 
