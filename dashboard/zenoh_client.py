@@ -1,6 +1,5 @@
 """A Zenoh client that waits for its server and returns to it. A ring keeps the newest data alone."""
 
-import logging
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import islice
@@ -19,8 +18,6 @@ _ANSWER_S = 8.0  # an engaging takes five
 _LAST_S = 1.0  # a router answers in milliseconds
 MOST_NAMED = 8  # vehicles, in one line of a terminal
 _EVENTS = 100  # that happened before we came
-
-_log = logging.getLogger(__name__)
 
 
 class Message(NamedTuple):
@@ -118,12 +115,6 @@ class Subscription(SessionThread):
 
     def _open(self) -> zenoh.Session:
         return zenoh.open(client_configuration(self.endpoint))
-
-    def _survives(self, error: BaseException) -> bool:
-        if str(error) != str(self.failure):
-            _log.error("zenoh: a new session follows %r", error)
-        super()._survives(error)
-        return True
 
     def _serve(self, session: zenoh.Session) -> None:
         """Subscribe, and stay: a client comes back to its server by itself."""

@@ -2,7 +2,6 @@
 
 import os
 import pwd
-import re
 import shutil
 import subprocess
 import sys
@@ -85,8 +84,7 @@ def _install() -> None:
     files = {Path(file.name): file.read_text(encoding="utf-8") for file in TEMPLATES.glob("*.service")}
     files = {name: text.replace(IN_TEMPLATES, str(PROGRAM)) for name, text in files.items()}
     ends = (Endpoint.parse(text) for text in (config.link.endpoint, config.ground_station.endpoint) if text)
-    # systemd reads a single % or backslash as the beginning of something else
-    devices = [re.sub(r"[%\\]", r"\g<0>\g<0>", end.place) for end in ends if end.kind == "serial"]
+    devices = [end.place.replace("%", "%%") for end in ends if end.kind == "serial"]
     if devices:
         allowed = "".join(f"DeviceAllow={device} rw\n" for device in devices)
         files[SERIAL] = (

@@ -174,10 +174,9 @@ class Publisher(SessionThread):
     def _stamps(self) -> bool:
         return self._utc_s() < MOST_UTC_S
 
-    def _survives(self, error: BaseException) -> bool:
+    def _fail(self, error: BaseException) -> None:
         self.beside.fail("telemetry", error)
         self._name_checked.set()  # nobody can be asked
-        return True
 
     def _serve(self, session: zenoh.Session) -> None:
         """Publish until closed or, where we joined a router or peer, until it has gone."""
@@ -221,11 +220,10 @@ class Publisher(SessionThread):
                 while not (self._closing.is_set() or lost.is_set()) and self._stamps is stamps:
                     with suppress(queue.Empty):
                         offered = self._queue.get(timeout=RETRY_S)
-                        for _ in range(len(self._mail)):
-                            item = self._mail.popleft()
-                            self.beside.do("telemetry", partial(self._deliver, session, now_and_then, item))
-                        for _ in range(len(self._answers)):
-                            self.beside.do("telemetry", partial(_answer, *self._answers.popleft()))
+                        for waiting in (self._mail, self._answers):
+                            for _ in range(len(waiting)):
+                                deliver = partial(self._deliver, session, now_and_then, waiting.popleft())
+                                self.beside.do("telemetry", deliver)
                         if offered is not None:
                             send = partial(self._publish, session, publishers, raw, *offered)
                             self.beside.do("telemetry", send)
@@ -330,16 +328,18 @@ class Publisher(SessionThread):
         if raw is not None:
             raw_publisher.put(msgspec.msgpack.encode(raw))
 
-    def _deliver(self, session: zenoh.Session, publishers: _NowAndThen, item: telemetry.Schema) -> None:
+    def _deliver(
+        self, session: zenoh.Session, publishers: _NowAndThen, item: telemetry.Schema | _Answer
+    ) -> None:
+        if isinstance(item, tuple):
+            query, reply = item
+            with suppress(zenoh.ZError), query:
+                encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
+                query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
+            return
         publisher, payload = publishers[type(item)], telemetry.to_json(item)
         self._last[str(publisher.key_expr)] = payload, self._stamp(session)
         publisher.put(payload)
-
-
-def _answer(query: zenoh.Query, reply: telemetry.Reply) -> None:
-    with suppress(zenoh.ZError), query:
-        encoding = zenoh.Encoding(telemetry.encoding(telemetry.Reply))
-        query.reply(str(query.key_expr), msgspec.json.encode(reply), encoding=encoding)
 
 
 def _publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:

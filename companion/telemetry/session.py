@@ -1,6 +1,7 @@
 """Zenoh sessions: how each is configured, and the thread that opens one, serves it and opens it again."""
 
 import json
+import logging
 import re
 import threading
 from abc import ABC, abstractmethod
@@ -19,6 +20,7 @@ MAX_MESSAGE_BYTES = 1 << 20
 """A larger message is dropped before it is here: a path and a raw tick, the largest, have a quarter of it."""
 _MAX_MESSAGE = "transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES)
 ANSWER_S = 2.0  # of a companion; on loopback it takes milliseconds
+_log = logging.getLogger(__name__)
 _OPEN_MS = 1000  # for the handshake: somebody who is stopped still accepts a connection
 
 
@@ -30,7 +32,7 @@ class SessionThread(ABC):
         self._closing = threading.Event()
         self._close_s = close_s
         self.failure: Exception | None = None
-        """What ended the thread, if anything did: trouble with the network never does."""
+        """The last error that nobody has foreseen: trouble with the network is none."""
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     @abstractmethod
@@ -69,14 +71,14 @@ class SessionThread(ABC):
             except zenoh.ZError:
                 pass
             except BaseException as error:  # Zenoh's PanicException is no Exception
-                if not self._survives(error):
-                    raise
+                self._fail(error)
             self._closing.wait(RETRY_S)
 
-    def _survives(self, error: BaseException) -> bool:
-        """Tell whether a new session follows an error that nobody has foreseen."""
+    def _fail(self, error: BaseException) -> None:
+        """Note an error that nobody has foreseen; a new session follows."""
+        if str(error) != str(self.failure):
+            _log.error("%s failed: %r", self._thread.name, error, exc_info=error)
         self.failure = error if isinstance(error, Exception) else RuntimeError(str(error))
-        return False
 
 
 def configuration(

@@ -264,8 +264,6 @@ def main(argv: list[str]) -> int:
     with RecorderThread(options.name, options.connect, limits) as recorder:
         while recorder.failure is None and not ended.wait(_LOOK_S):
             pass
-    if recorder.failure is not None:
-        sys.stderr.write(f"holdfast record: the recorder failed: {recorder.failure!r}\n")
     return 1 if recorder.failure is not None else 0
 
 
