@@ -68,7 +68,7 @@ class EventLog:
     def _few(self, happened: Happened, now_s: float) -> Happened:
         """Leave out what happens too often; what others say counts together, whatever they say."""
         for text in self._repeats.left_out(now_s):
-            yield "warning", "condition", text
+            yield "info", "condition", text
         for severity, kind, text in happened:
             said = f"{kind}, {severity}" if kind in ("command", "autopilot") else cause(text)
             if kind == "state" or self._repeats.passes(said, now_s):
