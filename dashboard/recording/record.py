@@ -244,7 +244,7 @@ def main(argv: list[str]) -> int:
     add("--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s")
     for name, default, purpose in (
         ("--max-mb", 250.0, "start a new file after MB; default %(default)g, an hour or more"),
-        ("--reserve-mb", 500.0, "stop when less is free; default %(default)g"),
+        ("--reserve-mb", 500.0, "pause while less is free; default %(default)g"),
     ):
         add(name, type=_positive, default=default, metavar="MB", help=purpose)
     repairs = "do not record: copy what can be read of truncated recordings, and end"
