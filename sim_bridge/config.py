@@ -260,9 +260,6 @@ class SensorConfig(_Record, frozen=True):
     attitude_slow_rad: NonNegative = 0.002
     attitude_white_rad: NonNegative = 0.0003
     gyro_white_rad_s: NonNegative = 0.002
-    accel_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.038
-    accel_white_m_s2: NonNegative = 0.004
-    pressure_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.065
     pressure_white_m: NonNegative = 0.003
     barometer_without_home: bool = False
     """As in ArduSub 4.5, relative_alt is the pressure's until there is a home; here the origin brings it."""
@@ -293,10 +290,6 @@ class SensorConfig(_Record, frozen=True):
     usbl: Usbl = Usbl()
     rangefinder: bool = False
     """A sonar that looks down, as a Ping or a DVL has it: DISTANCE_SENSOR and RANGEFINDER, over a seabed."""
-    range_min_m: NonNegative = 0.3
-    range_max_m: Positive = 50.0
-    range_white_m: NonNegative = 0.01
-    range_period_s: Annotated[float, Meta(ge=0.02)] = 0.1
     range_delay_s: Annotated[float, Meta(ge=0, le=2)] = 0.0
     """Age of a range when it is told, in whole periods: a Ping behind BlueOS has up to 0.8 s."""
 

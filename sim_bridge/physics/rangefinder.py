@@ -9,6 +9,9 @@ import numpy as np
 from sim_bridge.config import Seabed, SensorConfig
 from sim_bridge.physics.plant import State, down_axis
 
+LIMITS_M, WHITE_M, PERIOD_S = (0.3, 50.0), 0.01, 0.1
+"""Of a Ping, assumed: least and largest range, noise, and time between two."""
+
 STEEPEST_ECHO = 0.5
 """Cosine of the tilt from which it hears nothing. Assumed: a tilt of 60°."""
 
@@ -30,11 +33,11 @@ class Rangefinder:
     ) -> None:
         self.range_m = math.nan
         self.fault = RangeFault()
-        self._config, self._rng = config, rng
+        self._rng = rng
         self._seabed = seabed if config.rangefinder else None
         self._echoes: deque[float] = deque()
         self._sound_m = math.nan
-        self._steps = max(1, round(config.range_period_s / step_s))
+        self._steps = max(1, round(PERIOD_S / step_s))
         self._late = round(config.range_delay_s / (self._steps * step_s))
 
     def step(self, count: int, state: State) -> None:
@@ -46,7 +49,7 @@ class Rangefinder:
 
     def _echo(self, seabed: Seabed, state: State) -> float:
         """Return the range along the hull's own down axis (m); NaN for no echo."""
-        config, fault = self._config, self.fault
+        fault = self.fault
         if fault.false_m is not None:
             return fault.false_m
         down = down_axis(state)[2]
@@ -56,5 +59,5 @@ class Rangefinder:
         if fault.answers == 1.0 or math.isnan(self._sound_m):
             self._sound_m = range_m
         range_m = fault.scale * (self._sound_m + fault.answers * (range_m - self._sound_m))
-        range_m += config.range_white_m * float(self._rng.standard_normal())
-        return range_m if config.range_min_m <= range_m <= config.range_max_m else math.nan
+        range_m += WHITE_M * float(self._rng.standard_normal())
+        return range_m if LIMITS_M[0] <= range_m <= LIMITS_M[1] else math.nan

@@ -14,13 +14,15 @@ from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
-from sim_bridge.physics.rangefinder import RangeFault, Rangefinder
+from sim_bridge.physics.rangefinder import LIMITS_M, RangeFault, Rangefinder
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0
 """The firmware's pascals per metre at BARO_SPEC_GRAV = 1."""
 NOISE_PERIOD_S = 0.01
-PRESSURE_PERIOD_S = 0.1
+PRESSURE_PERIOD_S, PRESSURE_DELAY_S = 0.1, 0.065
+ACCEL_DELAY_S, ACCEL_WHITE_M_S2 = 0.038, 0.004
+"""Of SCALED_PRESSURE and RAW_IMU (docs/ardusub.md, "Telemetry")."""
 HISTORY_S = 0.6
 ACCEL_FILTER_DELAY_S = 0.01
 """Of the accelerometer inside the firmware: INS_ACCEL_FILTER, 20 Hz."""
@@ -167,7 +169,7 @@ class Sensors:
                 self._step_defects(state)
         self._rangefinder.step(self._count, state)
         if self._count % self._pressure_steps == 0:
-            depth = self._delayed(self._config.pressure_delay_s)[2]
+            depth = self._delayed(PRESSURE_DELAY_S)[2]
             raw = self._config.depth_scale * depth + self._config.pressure_white_m * self._normal()
             if not self._depth_defects.out:
                 self._raw_depth = self._depth_defects.rounded(raw + self._depth_defects.bias)
@@ -191,8 +193,7 @@ class Sensors:
     @property
     def range_limits_m(self) -> tuple[float, float]:
         """Least and largest range of the rangefinder; 0 without one."""
-        config = self._config
-        return (config.range_min_m, config.range_max_m) if config.rangefinder else (0.0, 0.0)
+        return LIMITS_M if self._config.rangefinder else (0.0, 0.0)
 
     def disturb(
         self,
@@ -388,8 +389,8 @@ class Sensors:
 
     def _accelerometer(self, normal: Callable[[], float]) -> Three:
         """Specific force, body (m/s²)."""
-        (a, b, c), (forward, right, down) = self._felt(self._config.accel_delay_s)
-        white = self._config.accel_white_m_s2
+        (a, b, c), (forward, right, down) = self._felt(ACCEL_DELAY_S)
+        white = ACCEL_WHITE_M_S2
         return (
             a - GRAVITY * forward + white * normal(),
             b - GRAVITY * right + white * normal(),
