@@ -197,7 +197,7 @@ class App:
 
     def _between_ticks(self) -> None:
         """Take some steps of what a tick has no time for; come again while there is more."""
-        more = self._commands.prepare(self._engine)
+        more = self._commands.prepare()
         if self._drawing is not None and not self._drawing.done:
             more |= self._beside.do("the map", self._draws)
         self._works_between = more

@@ -244,11 +244,8 @@ class Engine:
         """The pre-dive list as it was made last; empty before the first."""
         return self._fitness.listed
 
-    def preparing(self, config: Config) -> Steps[None]:
-        """Do beforehand, in steps, what takes long of a `retune`: the Kalman gains of axes that change."""
-        yield from self._designing(self._as_measured(self._config), self._as_measured(config))
-
     def _designing(self, old: Config, config: Config) -> Steps[None]:
+        """Make, in steps, the Kalman gains of the axes that differ."""
         for dof, (axis, wanted) in enumerate(zip(old.axes, config.axes, strict=True)):
             if axis != wanted:
                 yield from tables_in_steps(config, assembly.model(config), dof)

@@ -23,7 +23,7 @@ class Console:
         self.dive = dive
 
     def step(self, now_s, inbox, health, requests):
-        while self.commands.prepare(self.engine):
+        while self.commands.prepare():
             pass
         given = self.commands.before_tick(self.engine, now_s)
         self.given.append(given)

@@ -34,7 +34,7 @@ from companion.records import (
     chosen,
     vector,
 )
-from companion.steps import Steps, Task
+from companion.steps import Task
 from companion.telemetry import commands
 from companion.telemetry.commands import Payload, in_words, named, parse
 from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging, text
@@ -112,7 +112,6 @@ class Controllable(Protocol):
     def refusal(self, request: Request) -> str: ...
     def aim(self, setpoint: Setpoint) -> None: ...
     def guide(self, order: Order) -> None: ...
-    def preparing(self, config: Config) -> Steps[None]: ...
     def retune(self, config: Config) -> None: ...
 
 
@@ -147,7 +146,7 @@ class CommandQueue:
             command.refused = _why(error)
         self._waiting.append(command)
 
-    def prepare(self, engine: Controllable, cost: int = COST) -> bool:
+    def prepare(self, cost: int = COST) -> bool:
         """Take some steps of what has to be done before the next command; return whether there are more.
 
         Call it between ticks.
@@ -155,7 +154,7 @@ class CommandQueue:
         if not self._waiting or (command := self._waiting[0]).payload is None or command.refused:
             return False
         if command.task is None:
-            command.task = Task(self._preparing(command.payload, engine))
+            command.task = Task(ordering(command.payload, self.started_with))
         try:
             return not command.task.advance(cost)
         except Exception as error:
@@ -167,7 +166,7 @@ class CommandQueue:
         self.results = []
         given = EngineInput([Request.WITHDRAW] if self._withdraw else [])
         self._withdraw = False
-        if not self._ready(engine):
+        if not self._ready():
             return given
         command = self._waiting.popleft()
         command.old, command.was = engine.config, engine.verdict.state
@@ -196,19 +195,12 @@ class CommandQueue:
         if not any(sample.dofs.engaged):
             self._kept = sample.guided.pending
 
-    def _preparing(self, payload: Payload, engine: Controllable) -> Steps[Order | None]:
-        """Return the order that a command is; None for another command."""
-        if isinstance(payload, commands.SetEstimator):
-            yield from engine.preparing(self._retuned(engine.config, payload))
-            return None
-        return (yield from ordering(payload, self.started_with))
-
-    def _ready(self, engine: Controllable) -> bool:
+    def _ready(self) -> bool:
         """Tell whether the next command can be taken.
 
         A release does not wait until a path before it is built: what came before it is withdrawn.
         """
-        if not self.prepare(engine, 1):
+        if not self.prepare(1):
             return bool(self._waiting)
         payloads = [command.payload for command in self._waiting.copy()]  # another thread appends meanwhile
         first = next((i for i, payload in enumerate(payloads) if isinstance(payload, commands.Release)), 0)
@@ -216,7 +208,7 @@ class CommandQueue:
             self._answer(
                 self._waiting.popleft(), Reply(done=False, said="withdrawn: a release came after it")
             )
-        return first > 0 and not self.prepare(engine, 1)
+        return first > 0 and not self.prepare(1)
 
     def _permit(self, received: ReceivedCommand) -> None:
         allowed = self.started_with.telemetry.allow_control
@@ -239,7 +231,7 @@ class CommandQueue:
             return given._replace(order=(command.received.name, command.received.payload))
         if isinstance(payload, commands.SetSetpoint):
             return given._replace(setpoint=self._aim(engine, payload))
-        if isinstance(payload, commands.SetCompensator | commands.SetGains | commands.SetEstimator):
+        if isinstance(payload, commands.SetCompensator | commands.SetGains):
             engine.retune(self._retuned(command.old, payload))
             return given._replace(config=engine.config)
         request = REQUESTS[type(payload)]
@@ -266,9 +258,7 @@ class CommandQueue:
         engine.aim(setpoint)
         return setpoint
 
-    def _retuned(
-        self, config: Config, payload: commands.SetCompensator | commands.SetGains | commands.SetEstimator
-    ) -> Config:
+    def _retuned(self, config: Config, payload: commands.SetCompensator | commands.SetGains) -> Config:
         axis, wanted = _changes(payload)
         old = getattr(config, axis)
         if not getattr(payload, "confirm", True):

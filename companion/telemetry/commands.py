@@ -191,20 +191,6 @@ class SetGains(Payload, frozen=True):
     confirm: Confirmed = False
 
 
-class SetEstimator(Payload, frozen=True):
-    """Set noises of one axis' observer; a change of more than twofold needs `confirm`."""
-
-    order = "set noises"
-
-    axis: AxisName
-    position_noise: PositionNoise | Optional = UNSET
-    rate_noise: RateNoise | Optional = UNSET
-    position_noise_slow: SlowPositionNoise | Optional = UNSET
-    rate_noise_slow: SlowRateNoise | Optional = UNSET
-    disturbance_noise: DisturbanceNoise | Optional = UNSET
-    confirm: Confirmed = False
-
-
 COMMANDS: dict[str, type[Payload]] = {
     "engage": Engage,
     "release": Release,
@@ -215,7 +201,6 @@ COMMANDS: dict[str, type[Payload]] = {
     "velocity": SetVelocity,
     "compensator": SetCompensator,
     "gains": SetGains,
-    "estimator": SetEstimator,
     "clear_fault": ClearFault,
     "reset_model": ResetModel,
 }

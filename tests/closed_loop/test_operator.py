@@ -92,7 +92,6 @@ def test_a_setpoint_moves_what_it_names_and_is_read_back():
         ("gains", {"axis": "heave", "kappa_per_s": 8.0}, "heave", "kappa_per_s"),
         ("gains", {"axis": "yaw", "lambda_per_s": 1.5, "leak_per_s": 0.001}, "yaw", "lambda_per_s"),
         ("compensator", {"axis": "heave", "compensator": "observer"}, "heave", "compensator"),
-        ("estimator", {"axis": "heave", "disturbance_noise": 4.0}, "heave", "disturbance_noise"),
     ],
 )
 def test_a_retune_is_in_force_and_read_back_while_it_goes_on_holding(name, what, axis, key):
@@ -133,8 +132,6 @@ def test_without_permission_nothing_happens(allow, local, says):
         ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
         ("gains", {"axis": "heave"}, "at least one"),
         ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "kappa_per_s = 100: must be 0.05 to 50"),
-        ("estimator", {"axis": "heave", "rate_noise": 1e-160, "confirm": True}, "1e-05 to 1"),
-        ("estimator", {"axis": "heave", "confirm": True}, "at least one"),
         ("gains", {"axis": "heave", "mass": 20.0}, "mass: unknown key"),
         ("compensator", {"axis": "heave", "compensator": "magic"}, "+observer"),
         ("engage", {"now": True}, "now: unknown key"),
@@ -152,7 +149,6 @@ def test_what_is_refused_says_what_is_allowed(console, name, what, says):
         ("gains", "kappa_per_s", 10.0, 20.1),
         ("gains", "leak_per_s", 0.002, 0.0),
         ("gains", "hidden_learning_rate", 0.0, 0.1),
-        ("estimator", "rate_noise", 0.0008, 0.01),
     ],
 )
 def test_more_than_twofold_at_once_has_to_be_confirmed(console, name, key, now, wanted):
@@ -367,7 +363,7 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
     commands = CommandQueue(engine.config)
     answers: list[Reply] = []
     commands.put(ReceivedCommand(name, payload, answers.append, True))
-    while commands.prepare(engine):
+    while commands.prepare():
         pass
     given = commands.before_tick(engine, 0.0)
     if answers:
@@ -411,9 +407,6 @@ class _Recorder:
 
     def guide(self, order):
         self.got.append(order)
-
-    def preparing(self, config):
-        yield from ()
 
     def retune(self, config):
         self.got.append(config)

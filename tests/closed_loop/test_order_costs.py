@@ -43,7 +43,6 @@ COSTLIEST: dict[str, tuple[str, dict[str, Any]]] = {
     "setpoint": ("setpoint", {"x_m": 1.0, "depth_m": 2.5, "heading_deg": 30.0}),
     "velocity": ("velocity", {"forward_mps": 0.2}),
     "gains": ("gains", {"axis": "surge", "lambda_per_s": 3.0, "kappa_per_s": 3.0, "confirm": True}),
-    "noise": ("estimator", {"axis": "sway", "position_noise": 0.02, "confirm": True}),
     "compensator": ("compensator", {"axis": "heave", "compensator": "observer"}),
     "model": ("reset_model", {}),
 }
@@ -84,7 +83,7 @@ def ticks(console, count):
     step, counted = console.step, []
 
     def counts(*arguments):
-        while console.commands.prepare(console.engine):
+        while console.commands.prepare():
             pass
         result = []
         counted.append(instructions(lambda: result.append(step(*arguments))))
@@ -109,19 +108,17 @@ def test_no_order_costs_a_tick_more_than_a_millisecond(console, order):
     assert instructions(lambda: drawn.advance(16)) < MILLISECOND
 
 
-@pytest.mark.parametrize("order", ["waypoints", "stops", "lawn-mower", "noise"])
+@pytest.mark.parametrize("order", ["waypoints", "stops", "lawn-mower"])
 def test_what_takes_longer_is_done_between_ticks_less_than_a_millisecond_at_a_time(console, order):
     name, what = COSTLIEST[order]
-    if order == "noise":
-        what = what | {"position_noise": 0.03}
     console.ask(name, **what)
     counted, slices, more = [], 0, [True]
     while more[-1]:
         slices += 1
         if slices < 100 or slices % 100 == 0:  # to count all of them takes a minute
-            counted.append(instructions(lambda: more.append(console.commands.prepare(console.engine))))
+            counted.append(instructions(lambda: more.append(console.commands.prepare())))
         else:
-            more.append(console.commands.prepare(console.engine))
+            more.append(console.commands.prepare())
     assert slices > 20
     assert max(counted) < MILLISECOND
     console.dive.run(0.1)
@@ -151,8 +148,8 @@ def test_a_release_does_not_wait_for_a_path_to_be_built(console):
     name, what = COSTLIEST["lawn-mower"]
     answers = [console.ask(name, **what), console.ask("engage")]
     console.ask("release")
-    console.commands.prepare(console.engine)
+    console.commands.prepare()
     given = console.commands.before_tick(console.engine, console.dive.t_s)
     assert [request.name for request in given.requests] == ["STOP"]
     assert [answer[0].said for answer in answers] == ["withdrawn: a release came after it"] * 2
-    assert not console.commands.prepare(console.engine), "nothing waits"
+    assert not console.commands.prepare(), "nothing waits"

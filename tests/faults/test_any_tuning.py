@@ -28,6 +28,6 @@ def test_what_the_ranges_allow_stays_finite_and_inside_the_envelope(seed, fixed)
             assert Condition.NON_FINITE not in step.sample.verdict.conditions
             assert np.isfinite(step.sample.dofs.tau).all()
         queue.put(ReceivedCommand(*order(rng, TUNINGS), lambda _: None, True))
-        while queue.prepare(dive.engine):
+        while queue.prepare():
             pass
         queue.before_tick(dive.engine, dive.t_s)

@@ -325,7 +325,7 @@ def _buildable(rng: Random, plan: dict[str, Any]) -> dict[str, Any]:
     return plan
 
 
-TUNINGS = ("gains", "estimator", "compensator")
+TUNINGS = ("gains", "compensator")
 
 
 def order(rng: Random, names: Sequence[str] = (*COMMANDS, "follow", "follow", "goto")) -> tuple[str, bytes]:
@@ -693,7 +693,7 @@ class Fuzzed:
             self._guided = guided
             self._drawing = Task(drawing(self.engine.path, guided[0], self.engine.config, sample.state))
         for _ in range(PIECES):
-            more = self._queue.prepare(self.engine) | (not self._drawing.advance(COST))
+            more = self._queue.prepare() | (not self._drawing.advance(COST))
             if not more:
                 break
 

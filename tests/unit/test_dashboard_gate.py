@@ -100,9 +100,8 @@ def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
     said = dict(line.removesuffix(";").split(" = ", 1) for line in vocabulary.module().splitlines())
     commands = json.loads(said["export const COMMANDS"])
     configured = get_type_hints(AxisSection, include_extras=True)
-    tuned = {name: field for group in ("gains", "estimator") for name, field in commands[group].items()}
-    numbers = {name: field for name, field in tuned.items() if field["least"] is not None}
-    assert len(numbers) == 12
+    numbers = {name: field for name, field in commands["gains"].items() if field["least"] is not None}
+    assert len(numbers) == 7
     for name, field in numbers.items():
         assert (field["least"], field["most"]) == validation.bounds(configured[name])
         assert field["title"], "the form calls it nothing"

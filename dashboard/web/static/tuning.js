@@ -3,8 +3,6 @@ import { $, el, mark, say } from "./dom.js";
 import { COMMANDS } from "./vocabulary.js"; // made by the server: dashboard/web/vocabulary.py
 import { DOFS } from "./words.js";
 
-const GROUPS = ["gains", "estimator"];
-
 export class Tuning {
   constructor(view, commands) {
     Object.assign(this, { view, commands });
@@ -20,23 +18,22 @@ export class Tuning {
     this.lock = el("p");
     this.axisName = el("h3");
     this.inputs = {};
-    const field = (group) => ([name, { title, what, unit: of, least, most }]) => {
+    const field = ([name, { title, what, unit: of, least, most }]) => {
       const input = el("input", { type: "number", step: "any", min: least, max: most, id: `set-${name}`, inputmode: "decimal", oninput: () => this.changed() });
       const now = el("span", { class: "now", title: "in force" });
       const unit = el("i");
-      this.inputs[name] = { group, input, now, unit, units: of.split(" or ") };
+      this.inputs[name] = { input, now, unit, units: of.split(" or ") };
       return el("label", {}, el("span", {}, title, " ", unit, el("small", {}, what)), now, input);
     };
     this.compensator = el("select", { id: "set-compensator", onchange: () => this.changed() });
     this.compensatorNow = el("small");
-    const [gains, noises] = GROUPS.map((group) => Object.entries(COMMANDS[group]).filter(([, { least }]) => least !== null).map(field(group)));
+    const gains = Object.entries(COMMANDS.gains).filter(([, { least }]) => least !== null).map(field);
     this.apply = el("button", { id: "apply", class: "primary", onclick: () => this.applyAsked() }, "Apply");
     this.revert = el("button", { id: "revert", onclick: () => this.revertAll() }, "Revert");
     this.controls = el("fieldset", {},
       this.axisName,
       el("div", { class: "fields" }, el("div", { class: "legend" }, el("span", {}, ""), el("span", {}, "in force"), el("span", {}, "new")),
         el("label", { class: "wide" }, el("span", {}, "compensator", this.compensatorNow), this.compensator), ...gains),
-      el("details", {}, el("summary", {}, "Estimator"), el("div", { class: "fields" }, ...noises)),
       el("div", { class: "row" }, this.apply, this.revert));
     this.node.append(el("header", {}, el("h2", {}, "Tuning"), el("button", { "aria-label": "close", onclick: () => this.toggle(false) }, "×")), this.lock, this.controls);
   }
@@ -83,10 +80,10 @@ export class Tuning {
     this.changed(false);
   }
 
-  changes(group) {
+  changes() {
     const now = this.config?.[this.axis] ?? {};
     return Object.fromEntries(Object.entries(this.inputs)
-      .filter(([name, field]) => field.group === group && field.input.value !== "" && Number(field.input.value) !== now[name])
+      .filter(([name, field]) => field.input.value !== "" && Number(field.input.value) !== now[name])
       .map(([name, field]) => [name, Number(field.input.value)]));
   }
 
@@ -102,7 +99,7 @@ export class Tuning {
   // The changes that need a confirmation: more than twofold, or to or from zero.
   large() {
     const now = this.config?.[this.axis] ?? {};
-    return Object.entries({ ...this.changes("gains"), ...this.changes("estimator") })
+    return Object.entries(this.changes())
       .filter(([name, value]) => !(now[name] / 2 <= value && value <= now[name] * 2)).map(([name]) => name);
   }
 
@@ -123,8 +120,8 @@ export class Tuning {
     const now = this.config?.[this.axis];
     if (!now) return;
     const { axis } = this;
-    const commands = GROUPS.map((group) => [group, this.changes(group)])
-      .filter(([, what]) => Object.keys(what).length).map(([group, what]) => [group, confirm ? { ...what, confirm } : what]);
+    const gains = this.changes();
+    const commands = Object.keys(gains).length ? [["gains", confirm ? { ...gains, confirm } : gains]] : [];
     if (this.compensator.value !== now.compensator) commands.unshift(["compensator", { compensator: this.compensator.value }]);
     if (!commands.length) return void this.commands.tell("Nothing was changed.");
     const before = { ...now };
