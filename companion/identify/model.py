@@ -113,10 +113,21 @@ class Track:
             changes.append(np.where(whole, velocity[last] - velocity[self.first], np.nan))
         return np.asarray(np.stack(changes, axis=1))
 
-    def _whole(self, horizon_s: float) -> NDArray[np.bool_]:
+    def left_out(self) -> str:
+        """Say how many of the windows of the shortest horizon tell nothing, and why."""
+        measured, whole = (self._whole(HORIZONS_S[0], most) for most in (np.inf, MAX_TILT_RAD))
+        counts = {
+            "speed and turn rate are unknown": int(np.sum(~measured)),
+            f"it rolls or pitches by {MAX_TILT_RAD} rad or more": int(measured.sum() - whole.sum()),
+            "no command is known": int(np.isnan(self.changes[:, 0]).all(axis=1).sum()),
+        }
+        why = ", ".join(f"in {count} {what}" for what, count in counts.items() if count)
+        return f"{sum(counts.values())} of {measured.size} windows of 1 s are left out: {why}" if why else ""
+
+    def _whole(self, horizon_s: float, max_tilt_rad: float = MAX_TILT_RAD) -> NDArray[np.bool_]:
         """Tell of each row that is early enough whether the window from it on can be used."""
         tilt = np.abs(np.nan_to_num(self.table.attitude[:, :2])).max(axis=1)
-        good = np.isfinite(self.table.velocity[:, BODY]).any(axis=1) & (tilt < MAX_TILT_RAD)
+        good = np.isfinite(self.table.velocity[:, BODY]).any(axis=1) & (tilt < max_tilt_rad)
         rows = round(horizon_s / STEP_S) + 1
         if good.size < rows:
             return np.zeros(0, bool)

@@ -3,8 +3,9 @@
 Body axes are forward, right, down (FRD), the pose is north, east, down (NED).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -50,7 +51,7 @@ class Table:
     velocity: Array
     """(m, 6) u, v, w (m/s), p, q, r (rad/s)."""
     attitude: Array
-    """(m, 3) roll, pitch, heading (rad)."""
+    """(m, 3) roll, pitch, heading (rad), -π..π."""
     depth: Array
     """(m,) below the surface, m."""
     notes: tuple[str, ...] = ()
@@ -77,6 +78,8 @@ class Streams(NamedTuple):
     aided: Rows = ()
     """Whether the EKF's horizontal velocity is measured, 1 or 0; without a row it is not."""
     notes: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = MappingProxyType({})
+    """Of the vehicle, as far as they came."""
 
     def table(self, name: str, frame: str) -> Table:
         """Return the table; `frame` says which motors serve which axis.
@@ -106,7 +109,7 @@ class Streams(NamedTuple):
             np.where(sound, voltage, T200_VOLTAGE_V),
             t_s - begin_s,
             np.column_stack((self._speeds(t_s, attitude), rates)),
-            attitude,
+            (attitude + np.pi) % (2.0 * np.pi) - np.pi,
             _on(t_s, self.depth, 1)[:, 0],
             self.notes,
         )

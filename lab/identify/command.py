@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.config import VehicleFile, load_vehicle, vehicle_file, vehicle_text
 from companion.identify import fit
-from companion.identify.model import Track, parameters, score
+from companion.identify.model import MOVED, Track, parameters, score
 from companion.identify.samples import NoDiveError, Table
 from companion.records import AXES
 from holdfast import RefusedError, files, how_to_install
@@ -73,8 +73,9 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
         for horizon, row in by_horizon.items():
             shares = ("-" if row[axis] is None else f"{row[axis]:.3f}" for axis in AXES)
             rows.append((name, f"{horizon} s", *shares, str(row["windows"])))
-    lines = [*(line for table in tables for line in held(table)), f"{QUALITY}:"]
+    lines = [*(line for track in tracks for line in held(track)), f"{QUALITY}:"]
     lines += [f"{name:40}{ahead:>6}{''.join(f'{cell:>9}' for cell in cells)}" for name, ahead, *cells in rows]
+    lines += [f"-: not measured, or moved by less than {MOVED:g} m/s (rad/s)"] * any("-" in row for row in rows)
     sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
@@ -97,7 +98,7 @@ def conclude(
     except NoDiveError as error:
         raise RefusedError(f"{', '.join(table.name for table in tables)}: {error}") from error
     vehicle, notes = fit.vehicle(found, base)
-    lines = [*(line for table in tables for line in held(table)), *fit.reported(found, base)]
+    lines = [*(line for track in tracks for line in held(track)), *fit.reported(found, base)]
     if not any(map(found.taken, range(len(AXES)))):
         sys.stdout.write("\n".join([*lines, "no inertia is known well enough: nothing was written"]) + "\n")
         return 1
@@ -125,8 +126,9 @@ def conclude(
     return 0
 
 
-def held(table: Table) -> list[str]:
-    """Say what a table can tell: how long it is, what was measured, and which axes were moved."""
+def held(track: Track) -> list[str]:
+    """Say what a table can tell: how long it is, what was measured, which axes were moved, what is left out."""
+    table, left_out = track.table, track.left_out()
     length_s = float(table.t_s[-1] - table.t_s[0])
     measured = [
         words
@@ -139,5 +141,5 @@ def held(table: Table) -> list[str]:
     return [
         f"{name}: {length_s:.0f} s; measured: {', '.join(measured) or 'attitude alone'}; "
         f"steered: {', '.join(steered) or 'nothing'} of the time",
-        *(f"{name}: {note}" for note in table.notes),
+        *(f"{name}: {note}" for note in (*table.notes, *([left_out] if left_out else []))),
     ]

@@ -1,6 +1,8 @@
 """Logs of every kind as one record, the vehicle found in them, and what is said of bad ones."""
 
 import json
+import math
+import re
 
 import numpy as np
 import pytest
@@ -232,7 +234,7 @@ def test_a_ros_bag_is_refused_with_what_to_do_instead(name, tmp_path):
 def test_without_a_measured_speed_heave_and_yaw_are_left(writer, tmp_path):
     log = read(writer(SHORT, tmp_path / "dive", speeds=False), FRAME)
     assert not np.isfinite(log.velocity[:, :2]).any()
-    assert "measured: vertical speed, turn rate;" in held(log)[0]
+    assert "measured: vertical speed, turn rate;" in held(Track(log, FRAME))[0]
     row = scored(log, load_vehicle(PRESETS / "heavy.toml"))["1"]
     assert row["surge"] is row["sway"] is None
     assert max(value for value in (row["heave"], row["yaw"]) if value is not None) < 1.0
@@ -279,3 +281,20 @@ def test_from_writes_a_file_that_test_gives_the_fitted_quality(long_dive, tmp_pa
     assert commands.identify(["--test", str(log), "--vehicle", "heavy"]) == 0
     assert "windows" in (printed := capsys.readouterr().out)
     assert "measured: speed over ground, vertical speed, turn rate" in printed
+
+
+def test_a_roll_all_the_way_round_costs_no_more_than_its_own_windows(tmp_path, capsys):
+    path = write_csv(dive(60.0), tmp_path / "dive.csv")
+    head, *lines = path.read_text(encoding="utf-8").splitlines()
+    rows, at = [line.split(",") for line in lines], head.split(",").index("phi_rad")
+    for row in rows:
+        turned = 2.0 * math.pi * min(max((float(row[0]) - 10.0) / 4.0, 0.0), 1.0)
+        row[at] = f"{math.remainder(turned, 2.0 * math.pi):.4f}"
+    path.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
+    assert commands.identify(["--test", str(path), "--vehicle", "heavy"]) == 0
+    said = capsys.readouterr().out
+    assert (found := re.search(r"(\d+) of (\d+) windows of 1 s are left out: in \1 it rolls or pitches", said))
+    assert 40 < int(found[1]) < 60
+    row = scored(read(path, FRAME), load_vehicle(PRESETS / "heavy.toml"))["1"]
+    assert row["windows"] == int(found[2]) - int(found[1])
+    assert all(row[axis] is not None for axis in AXES)
