@@ -3,9 +3,10 @@
 import json
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -274,16 +275,29 @@ DATAFLASH = {
     "ATT": (201, "Qfff", "TimeUS,Roll,Pitch,Yaw"),
     "RATE": (202, "Qfff", "TimeUS,R,P,Y"),
     "XKF1": (203, "QBffff", "TimeUS,C,VN,VE,VD,PD"),
-    "XKF4": (204, "QBI", "TimeUS,C,SS"),
+    "XKF4": (204, "QBIb", "TimeUS,C,SS,PI"),
     "RCOU": (205, "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
     "BAT": (206, "QBf", "TimeUS,Inst,Volt"),
     "ARM": (207, "QB", "TimeUS,ArmState"),
+    "IMU": (208, "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
 }
-PACKED = {"Q": "Q", "f": "f", "B": "B", "I": "I", "H": "H", "N": "16s"}
+PACKED = {"Q": "Q", "f": "f", "B": "B", "b": "b", "I": "I", "H": "H", "N": "16s"}
 
 
-def write_dataflash(one: Dive, path: Path, *, speeds: bool = True, armed_at: float = 0.0) -> Path:
-    """Write a .BIN in which motor 1 is output 3 and the other way round, and motor 2 is reversed."""
+def write_dataflash(
+    one: Dive,
+    path: Path,
+    *,
+    speeds: bool = True,
+    armed_at: float = 0.0,
+    primary: int = 0,
+    without: str = "",
+    parameters: Mapping[str, float] = MappingProxyType({}),
+) -> Path:
+    """Write a .BIN in which motor 1 is output 3 and the other way round, and motor 2 is reversed.
+
+    Of the EKF's two cores and IMUs the one that is not `primary` is wrong.
+    """
     head = b"\xa3\x95"
     with path.open("wb") as file:
 
@@ -293,6 +307,8 @@ def write_dataflash(one: Dive, path: Path, *, speeds: bool = True, armed_at: flo
 
         def put(name: str, *values: object) -> None:
             number, kinds, _ = DATAFLASH[name]
+            if name == without:
+                return
             file.write(
                 head + bytes((number,)) + struct.pack("<" + "".join(PACKED[x] for x in kinds), *values)
             )
@@ -302,7 +318,8 @@ def write_dataflash(one: Dive, path: Path, *, speeds: bool = True, armed_at: flo
             describe(
                 number, 3 + struct.calcsize("<" + "".join(PACKED[x] for x in kinds)), name, kinds, columns
             )
-        for key, value in (("SERVO1_FUNCTION", 35.0), ("SERVO3_FUNCTION", 33.0), ("MOT_2_DIRECTION", -1.0)):
+        written = {"SERVO1_FUNCTION": 35.0, "SERVO3_FUNCTION": 33.0, "MOT_2_DIRECTION": -1.0, **parameters}
+        for key, value in written.items():
             put("PARM", 1, key.encode(), value)
         for k, t_s in enumerate(one.t_s.tolist()):
             t_us = round(1e6 * (2.0 + t_s))
@@ -312,8 +329,13 @@ def write_dataflash(one: Dive, path: Path, *, speeds: bool = True, armed_at: flo
                 put("ARM", t_us, 1)
             put("ATT", t_us, 0.0, 0.0, math.degrees(float(one.heading[k])) % 360.0)
             put("RATE", t_us, 0.0, 0.0, math.degrees(float(one.velocity[k, 3])))
-            put("XKF1", t_us, 0, *north_east_down(one, k), float(one.place[k, 2]))
-            put("XKF4", t_us, 0, 0b0011_1111 if speeds else 0b1010_0111)
+            for core in (0, 1):
+                wrong = 1.0 if core == primary else -2.0
+                north, east, down = north_east_down(one, k)
+                put("IMU", t_us, core, 0.0, 0.0, wrong * float(one.velocity[k, 3]))
+                solution = wrong * north, wrong * east, wrong * down, wrong * float(one.place[k, 2])
+                put("XKF1", t_us, core, *solution)
+                put("XKF4", t_us, core, 0b0011_1111 if speeds and core == primary else 0b1010_0111, primary)
             put("RCOU", t_us, *outputs)
             put("BAT", t_us, 0, 16.0)
     return path

@@ -75,7 +75,9 @@ def test(arguments: argparse.Namespace, vehicle: VehicleFile) -> int:
             rows.append((name, f"{horizon} s", *shares, str(row["windows"])))
     lines = [*(line for track in tracks for line in held(track)), f"{QUALITY}:"]
     lines += [f"{name:40}{ahead:>6}{''.join(f'{cell:>9}' for cell in cells)}" for name, ahead, *cells in rows]
-    lines += [f"-: not measured, or moved by less than {MOVED:g} m/s (rad/s)"] * any("-" in row for row in rows)
+    lines += [f"-: not measured, or moved by less than {MOVED:g} m/s (rad/s)"] * any(
+        "-" in row for row in rows
+    )
     sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
@@ -127,7 +129,7 @@ def conclude(
 
 
 def held(track: Track) -> list[str]:
-    """Say what a table can tell: how long it is, what was measured, which axes were moved, what is left out."""
+    """Say what a table can tell: how long it is, what was measured, which axes moved, what is left out."""
     table, left_out = track.table, track.left_out()
     length_s = float(table.t_s[-1] - table.t_s[0])
     measured = [

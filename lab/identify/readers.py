@@ -17,21 +17,31 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from companion.identify.samples import NoDiveError, Streams, Table
+from companion.core.allocation import FACTORS
+from companion.identify.samples import NoDiveError, Rows, Streams, Table
+from companion.mavlink.ardusub import FRAMES, motor_outputs
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name
-from companion.records import AXES, State
+from companion.records import AXES, Array, State
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
 from lab.identify import spreadsheet
 from lab.identify.steering import DIRECT, MANUAL, UNKNOWN
-from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
+from lab.identify.telemetry import (
+    EXTENSIONS,
+    FIRST_MOTOR_FUNCTION,
+    USED,
+    Telemetry,
+    aided,
+    motors_of,
+    not_read,
+)
 
 DATAFLASH: Final = b"\xa3\x95"
 DATAFLASH_STREAMS: Final[dict[str, list[tuple[str, tuple[str, ...], Callable[[Any], float]]]]] = {
     "ATT": [("attitude", ("Roll", "Pitch", "Yaw"), math.radians)],
     "RATE": [("rates", ("R", "P", "Y"), math.radians)],
-    "IMU": [("gyro", ("GyrX", "GyrY", "GyrZ"), float)],
+    "IMU": [("rates", ("GyrX", "GyrY", "GyrZ"), float)],
     "XKF1": [("level", ("VN", "VE"), float), ("down", ("VD",), float), ("depth", ("PD",), float)],
     "XKF4": [("aided", ("SS",), aided)],
     "BAT": [("voltage", ("Volt",), float)],
@@ -39,6 +49,10 @@ DATAFLASH_STREAMS: Final[dict[str, list[tuple[str, tuple[str, ...], Callable[[An
 }
 """What each message tells: of which stream, its fields, and how they become its units."""
 DATAFLASH_USED: Final = [*DATAFLASH_STREAMS, "PARM", "ARM"]
+INSTANCES: Final = ("I", "C", "Inst", "Instance")
+"""Fields that count the sensor, the EKF's core or the battery."""
+Key = tuple[str, str]
+"""A message and the stream that it fills."""
 USED_IDS: Final = {number for number in range(1 << 10) if is_known(number) and message_name(number) in USED}
 STEERS: Final = {State.ACTIVE, State.RAMP_DOWN, State.HAND_OVER}
 """States of the supervisor in which Holdfast's commands are sent."""
@@ -55,7 +69,6 @@ HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to 
 ESTIMATES: Final = "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
 MAX_TOPIC = 60
 """So much of a topic is quoted."""
-MAX_TLOG_BYTES: Final = 1 << 31
 MAX_SILENCE_S: Final = 10.0
 """A longer silence of a .tlog, or a jump of its UTC, is shortened to this."""
 KINDS: Final = ".BIN, .tlog, .mcap, or a CSV with a column t_s"
@@ -85,7 +98,22 @@ def kind_of(path: Path) -> str:
 def read(path: Path, frame: str) -> Table:
     """Read a log of any kind; `frame` says which motors serve which axis."""
     readers = {"MCAP": _mcap, "dataflash": _dataflash, "CSV": spreadsheet.read, "telemetry": _tlog}
-    return readers[kind_of(path)](path).table(str(path), frame)
+    streams = readers[kind_of(path)](path)
+    _refuse_contradicted(streams.parameters, frame)
+    return streams.table(str(path), frame)
+
+
+def _refuse_contradicted(parameters: Mapping[str, float], frame: str) -> None:
+    """Raise NoDiveError where a log's parameters tell of another frame than the vehicle's file."""
+    value = parameters.get("FRAME_CONFIG")
+    has = FRAMES.get(value, "another frame") if value is not None else frame
+    if has != frame:
+        raise NoDiveError(
+            f'FRAME_CONFIG is {value:g}, {has}, but --vehicle has frame = "{frame}": choose one of that frame'
+        )
+    outputs = motor_outputs(parameters)[: len(FACTORS[frame])]
+    if not all(outputs):
+        raise NoDiveError(f'no SERVOn_FUNCTION is motor {outputs.index(0) + 1} of frame "{frame}"')
 
 
 def _dataflash(path: Path) -> Streams:
@@ -100,40 +128,64 @@ def _dataflash(path: Path) -> Streams:
 
 
 def _dataflash_streams(reader: Any) -> Streams:
-    found = defaultdict[str, Any](list)
-    armed: list[tuple[float, float]] = []
+    found = defaultdict[Key, list[tuple[float, ...]]](list)
+    armed, primary = list[tuple[float, float]](), list[tuple[float, float]]()
     parameters: dict[str, float] = {}
     while (message := reader.recv_match(type=DATAFLASH_USED)) is not None:
         kind = message.get_type()
         if kind == "PARM":
             parameters[str(message.Name)] = float(message.Value)
-        elif any(getattr(message, name, 0) for name in ("I", "C", "Inst", "Instance")):
-            continue  # another sensor, core or battery than the first
         elif kind == "ARM":
             state = float(message.ArmState)
             armed = armed or [(-math.inf, 1.0 - state)]
             armed.append((message.TimeUS / 1e6, state))
         else:
+            t_s, core = message.TimeUS / 1e6, getattr(message, "PI", None)
+            primary += [(t_s, core)] if core is not None else []
+            instance = next((i for name in INSTANCES if (i := getattr(message, name, None)) is not None), 0)
             absent = (0,) if kind == "RCOU" else ()  # some log fewer outputs
             for stream, names, convert in DATAFLASH_STREAMS[kind]:
                 values = (convert(getattr(message, name, *absent)) for name in names)
-                found[stream].append((message.TimeUS / 1e6, *values))
+                found[kind, stream].append((instance, t_s, *values))
+    if ("RCOU", "outputs") not in found:
+        has = ", ".join(dict.fromkeys(kind for kind, _ in found))
+        raise NoDiveError(f"holds no RCOU, the outputs of the motors; it has {has or 'nothing of a dive'}")
+    used = _in_use(found, primary, parameters)
+    outputs = used.pop(("RCOU", "outputs"))
+    if ("IMU", "rates") in used:
+        used.pop(("RATE", "rates"), None)
+    told = dict.fromkeys(kind for kind, stream in used if stream not in ("voltage", "aided"))
+    times_s, states = np.array(armed or [(-math.inf, math.nan)]).T
+    is_armed = states[np.searchsorted(times_s, outputs[:, 0], side="right") - 1]
     whole = sum(count * reader.formats[kind].len for kind, count in enumerate(reader.counts) if count)
-    gyro = found.pop("gyro", [])
-    found["rates"] = gyro or found["rates"]
-    if outputs := found.pop("outputs", None):
-        times_s, states = np.array(armed or [(-math.inf, math.nan)]).T
-        is_armed = states[np.searchsorted(times_s, [row[0] for row in outputs], side="right") - 1]
-        found["motors"] = motors_of(np.array(outputs), parameters, is_armed)
-    about = f"commands: RCOU; motion: ATT, XKF1, {'IMU' if gyro else 'RATE'}, each of the first instance"
-    return Streams(**found, notes=(about, *not_read({"bytes": max(reader.data_len - whole, 0)})))
+    about = f"commands: RCOU; motion: {', '.join(told)}, of the instances in use"
+    notes = (about, *not_read({"bytes": max(reader.data_len - whole, 0)}))
+    motors = motors_of(outputs, parameters, is_armed)
+    streams: dict[str, Any] = {stream: rows for (_, stream), rows in used.items()}
+    return Streams(**streams, motors=motors, notes=notes, parameters=parameters)
+
+
+def _in_use(found: Mapping[Key, Rows], primary: Rows, parameters: Mapping[str, float]) -> dict[Key, Array]:
+    """Return the rows of the instances in use: the EKF's primary core, its IMU, and the first battery."""
+    mask = int(parameters.get("EK3_IMU_MASK", 3.0))
+    imu_of: dict[float, float] = dict(enumerate(bit for bit in range(8) if mask >> bit & 1))
+    cores = primary or [(0.0, parameters.get("EK3_PRIMARY", 0.0))]
+    imus = [(t_s, imu_of.get(core, core)) for t_s, core in cores]
+    if parameters.get("AHRS_EKF_TYPE", 3.0) != 3.0:  # another EKF than that of XKF1 steered
+        cores = [(0.0, -1.0)]
+    used = dict[Key, Array]()
+    for key, given in found.items():
+        table = np.array(given)
+        of = {"XKF": cores, "IMU": imus}.get(key[0][:3]) or [(0.0, table[:, 0].min())]
+        times_s, instances = np.array(of).T
+        at = np.clip(np.searchsorted(times_s, table[:, 1], side="right") - 1, 0, None)
+        used[key] = table[instances[at] == table[:, 0], 1:]
+    return {key: rows for key, rows in used.items() if len(rows)}
 
 
 def _tlog(path: Path) -> Streams:
     from pymavlink import mavutil
 
-    if path.stat().st_size > MAX_TLOG_BYTES:
-        raise NoDiveError(f"is larger than {MAX_TLOG_BYTES >> 20} MiB: cut it into parts")
     telemetry = Telemetry()
     t_s, last_s = 0.0, None
     with contextlib.closing(mavutil.mavlogfile(str(path))) as file:
@@ -145,7 +197,7 @@ def _tlog(path: Path) -> Streams:
                 t_s += min(max(stamp_s - (stamp_s if last_s is None else last_s), 0.0), MAX_SILENCE_S)
                 last_s = stamp_s
                 source = message.get_srcSystem(), message.get_srcComponent()
-                telemetry.take(t_s, source, message.get_type(), partial(getattr, message))
+                telemetry.take(t_s, source, message.get_seq(), message.get_type(), partial(getattr, message))
     return telemetry.collected()
 
 
@@ -188,7 +240,8 @@ def _take_datagram(telemetry: Telemetry, t_s: float, data: bytes) -> None:
         size, frame = frame_at(data, at)
         if frame is not None and frame.id in USED_IDS:
             get = partial(getattr, frame.message())
-            telemetry.take(t_s, (frame.system, frame.component), message_name(frame.id), get)
+            source, sequence = (frame.system, frame.component), data[at + 2 * frame.version]
+            telemetry.take(t_s, source, sequence, message_name(frame.id), get)
         at += size or 1
 
 
@@ -197,11 +250,13 @@ def _take_json(telemetry: Telemetry, t_s: float, record: Mapping[str, Any], topi
     message, header = record["message"], record["header"]
     name = str(message.get("type", topic))
     if name in USED:
+        fields = {**message, "type": message.get("mavtype", 0)}
         telemetry.take(
             t_s,
             (int(header["system_id"]), int(header["component_id"])),
+            header.get("sequence", 0),
             name,
-            lambda key: message.get(key, 0) if key in EXTENSIONS else message[key],
+            lambda key: fields.get(key, 0) if key in EXTENSIONS else fields[key],
         )
 
 

@@ -24,17 +24,21 @@ FIELDS: Final = {
     LOCAL: ("time_boot_ms", "vx", "vy", "vz"),
     GLOBAL: ("time_boot_ms", "vx", "vy", "vz", "relative_alt"),
     OUTPUTS: ("time_usec", "port", *(f"servo{n}_raw" for n in range(1, 17))),
-    "HEARTBEAT": ("autopilot", "base_mode", "custom_mode"),
+    "HEARTBEAT": ("autopilot", "base_mode", "custom_mode", "type"),
     "EKF_STATUS_REPORT": ("flags",),
     "SYS_STATUS": ("voltage_battery",),
     MANUAL_CONTROL: ("target", *"xyzrts"),
     OVERRIDE: ("target_system", *(f"chan{n}_raw" for n in (5, 6, 3, 4, 2, 1))),
 }
 """The numbers of each message; steering as surge, sway, heave, yaw, roll, pitch."""
-EXTENSIONS: Final = {*"st", *(f"servo{n}_raw" for n in range(9, 17))}
+EXTENSIONS: Final = {*"st", "type", *(f"servo{n}_raw" for n in range(9, 17))}
 """Fields that a sender may leave out: they are 0 then."""
 NAMED: Final = {"NAMED_VALUE_FLOAT": ("name", "value"), "PARAM_VALUE": ("param_id", "param_value")}
 USED: Final = (*FIELDS, *NAMED)
+SAME_S: Final = 1.0
+"""The same numbers under the same sequence number are one message that came twice, for so long."""
+STAMPED: Final = 8
+"""By so many numbers a message with the vehicle's stamp is known; MAVLink 1 cuts off the rest."""
 BOOT_UNITS_S: Final = {"ATTITUDE": 1e-3, LOCAL: 1e-3, GLOBAL: 1e-3, OUTPUTS: 1e-6}
 WRAP_S: Final = 2.0**32 * 1e-6
 """SERVO_OUTPUT_RAW's stamp begins again."""
@@ -46,6 +50,8 @@ MIN_MOTOR_HZ: Final = 4.0
 """Outputs of the motors that came more slowly give way to sticks that acted."""
 HORIZONTAL_VELOCITY, HORIZONTAL_POSITION, CONSTANT_POSITION = 1 << 1, 1 << 3 | 1 << 4, 1 << 7
 """Bits of EKF_STATUS_REPORT.flags and XKF4.SS: velocity; position, relative or not; it is assumed to stay."""
+GENERIC: Final = float(mavlink.MAV_TYPE_GENERIC)
+SUBMARINE: Final = float(mavlink.MAV_TYPE_SUBMARINE)
 
 
 class Telemetry:
@@ -53,6 +59,7 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._rows: dict[Source, dict[str, list[tuple[float, ...]]]] = {}
+        self._last: dict[tuple[Source, int], tuple[float, str, list[float]]] = {}
         self.unread: Counter[str] = Counter()
         """Messages that could not be read, by name."""
 
@@ -61,8 +68,8 @@ class Telemetry:
         """Whether a vehicle's attitude came."""
         return any("ATTITUDE" in rows for rows in self._rows.values())
 
-    def take(self, t_s: float, source: Source, name: str, get: Fields) -> None:
-        """Take a message of USED that arrived at `t_s`."""
+    def take(self, t_s: float, source: Source, sequence: int, name: str, get: Fields) -> None:
+        """Take a message of USED that arrived at `t_s`, unless it is the last one of that number again."""
         try:
             if name in NAMED:
                 key, value = (get(field) for field in NAMED[name])
@@ -72,17 +79,24 @@ class Telemetry:
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
             self.unread[name] += 1
         else:
-            self._rows.setdefault(source, {}).setdefault(kind, []).append((t_s, *values))
+            before_s, *before = self._last.get((source, sequence), (-math.inf, "", []))
+            if before != [kind, values] or t_s - before_s > SAME_S:
+                self._last[source, sequence] = t_s, kind, values
+                self._rows.setdefault(source, {}).setdefault(kind, []).append((t_s, *values))
 
     def collected(self) -> Streams:
         """Return what one vehicle did; the notes say which one, and what tells it.
 
-        Raises NoDiveError where nothing that steered it is known.
+        Raises NoDiveError where it is no submarine, or nothing that steered it is known.
         """
         if not self.heard:
-            return Streams(notes=not_read(self.unread))
+            has = ", ".join(sorted({name.split()[0] for rows in self._rows.values() for name in rows}))
+            raise NoDiveError(f"holds no vehicle's ATTITUDE; it has {has or 'no message that is used'}")
         vehicle = max(self._rows, key=self._rank)
-        said = {name: np.array(sorted(given)) for name, given in self._rows[vehicle].items()}
+        said = {name: _once(name, given) for name, given in self._rows[vehicle].items()}
+        kinds = {beat[4] for beat in self._rows[vehicle].get("HEARTBEAT", ())} - {GENERIC}
+        if kinds and SUBMARINE not in kinds:
+            raise NoDiveError(f"holds no submarine: system {vehicle[0]} is of MAV_TYPE {max(kinds):.0f}")
         stamps_s = _tied(said)
         speed = LOCAL if 2 * len(said.get(LOCAL, ())) >= len(said.get(GLOBAL, ())) else GLOBAL
 
@@ -91,7 +105,7 @@ class Telemetry:
 
         unit = 1.0 if speed == LOCAL else 0.01
         kind, commands, words = self._commands(vehicle[0], said, stamps_s)
-        others = [f"{s}/{c}" for s, c in sorted({*self._rows} - {vehicle}) if self._rank((s, c))[1]]
+        others = [f"{s}/{c}" for s, c in sorted({*self._rows} - {vehicle}) if self._rank((s, c))[2]]
         about = (
             f"vehicle: system/component {vehicle[0]}/{vehicle[1]}{', not ' if others else ''}"
             f"{', '.join(others)}; motion: ATTITUDE{f' and {speed}' if speed in said else ''}"
@@ -105,15 +119,17 @@ class Telemetry:
             aided=[(t_s, aided(flags)) for t_s, flags in said.get("EKF_STATUS_REPORT", ())],
             voltage=[(t_s, 1e-3 * mv) for t_s, mv in said.get("SYS_STATUS", ())],
             notes=(*not_read(self.unread), about, f"commands: {words}"),
+            parameters=_parameters(said),
             **{kind: commands},
         )
 
-    def _rank(self, source: Source) -> tuple[bool, int]:
-        """Rank a source as the vehicle: an autopilot's, of the most attitude."""
+    def _rank(self, source: Source) -> tuple[bool, bool, int]:
+        """Rank a source as the vehicle: a submarine, an autopilot's, of the most attitude."""
         rows = self._rows[source]
         count = len(rows.get("ATTITUDE", ()))
-        beats = rows.get("HEARTBEAT", ())
-        return count > 0 and any(beat[1] != mavlink.MAV_AUTOPILOT_INVALID for beat in beats), count
+        beats = rows.get("HEARTBEAT", ()) if count else ()
+        steers = any(beat[1] != mavlink.MAV_AUTOPILOT_INVALID for beat in beats)
+        return any(beat[4] == SUBMARINE for beat in beats), steers, count
 
     def _commands(self, system: int, said: Said, stamps_s: Mapping[str, Array]) -> tuple[str, Rows, str]:
         """Return "motors" or "sticks", their demands, and what tells them."""
@@ -137,7 +153,7 @@ class Telemetry:
             if not rate_hz:
                 raise NoDiveError(f"holds no commands that acted on the vehicle: {words}")
             words = f", too slow to tell delays; {words}"
-        parameters = {name[12:]: float(of[-1, 1]) for name, of in said.items() if name[:12] == "PARAM_VALUE "}
+        parameters = _parameters(said)
         outputs = np.column_stack((at_s, said[OUTPUTS][main, 3:]))
         motors = motors_of(outputs, parameters, is_armed(at_s, said.get("HEARTBEAT")))
         if FUNCTIONS[0] not in parameters:
@@ -145,6 +161,17 @@ class Telemetry:
                 "; no SERVOn_FUNCTION and MOT_n_DIRECTION in it: motors 1 to 8, none reversed, are assumed"
             )
         return "motors", motors, f"{OUTPUTS} at {rate_hz:.1f} Hz{words}"
+
+
+def _once(name: str, rows: list[tuple[float, ...]]) -> Array:
+    """Return a message's rows in order of arrival, those with the vehicle's stamp when they first arrived."""
+    ordered = sorted(rows)
+    once = {row[1 : 1 + STAMPED]: row for row in reversed(ordered)}
+    return np.array(sorted(once.values()) if name in BOOT_UNITS_S else ordered)
+
+
+def _parameters(said: Said) -> dict[str, float]:
+    return {name[12:]: float(of[-1, 1]) for name, of in said.items() if name[:12] == "PARAM_VALUE "}
 
 
 def _tied(said: Said) -> dict[str, Array]:
@@ -177,10 +204,15 @@ def aided(flags: float) -> float:
 def motors_of(outputs: Array, parameters: Mapping[str, float], armed: Array) -> Array:
     """Return the demand on each motor from rows of outputs (µs), by SERVOn_FUNCTION and MOT_n_DIRECTION.
 
-    It is unknown while the vehicle is not `armed`, 0: hands and winches may move it then.
+    It is unknown while the vehicle is not `armed`, 0: hands and winches may move it then. Raises NoDiveError
+    where a parameter names an output that the log does not have.
     """
-    columns = [output or -1 for output in motor_outputs(parameters)]
-    pwm_us = np.trunc(np.pad(outputs, ((0, 0), (0, 16)))[:, columns])
+    pulses_us = np.trunc(np.pad(outputs, ((0, 0), (0, 16))))
+    for motor, output in enumerate(found := motor_outputs(parameters), start=1):
+        if output and (name := FUNCTIONS[output - 1]) in parameters and not pulses_us[:, output].any():
+            has = ", ".join(map(str, np.flatnonzero(pulses_us[:, 1:].any(axis=0)) + 1))
+            raise NoDiveError(f"{name} is motor {motor}, but the log has outputs {has or 'of 0'} alone")
+    pwm_us = pulses_us[:, [output or -1 for output in found]]
     signs = [-1.0 if parameters.get(name, 1.0) < 0.0 else 1.0 for name in DIRECTIONS]
     demands = signs * np.clip((np.where(pwm_us == 0.0, NEUTRAL_US, pwm_us) - NEUTRAL_US) / SPAN_US, -1.0, 1.0)
     return until_stale(np.column_stack((outputs[:, 0], np.where(armed[:, None] == 0.0, math.nan, demands))))

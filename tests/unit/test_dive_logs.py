@@ -19,17 +19,21 @@ from dive_logs import (
     write_sticks,
     write_tlog,
 )
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import PRESETS, load_vehicle
 from companion.identify import fit, model
 from companion.identify.model import DELAY, LAG, Track, parameters
+from companion.identify.samples import NoDiveError
 from companion.records import AXES
 from holdfast import RefusedError
 from lab import commands
 from lab.identify.command import held
 from lab.identify.readers import read
+from lab.identify.telemetry import FIELDS, Telemetry
 
 FRAME = "vectored_6dof"
+MANUAL_CONTROL = 69
 SHORT = dive(20.0)
 WRITERS = {
     "dive.csv": write_csv,
@@ -178,6 +182,142 @@ def test_another_vehicle_and_another_component_are_left_out(tmp_path):
     )
 
 
+def rows_of(path):
+    """Return each message of a .tlog with its time, µs."""
+    data, at, rows = path.read_bytes(), 0, []
+    while at < len(data):
+        end = at + 20 + data[at + 9]
+        rows.append((int.from_bytes(data[at : at + 8]), data[at + 8 : end]))
+        at = end
+    return rows
+
+
+@pytest.mark.parametrize("late_us", [0, 400, 30_000, 4_000_000])
+@pytest.mark.parametrize(
+    ("writer", "commands"),
+    [
+        (write_tlog, "SERVO_OUTPUT_RAW at 20.0 Hz"),
+        (write_sticks, "not SERVO_OUTPUT_RAW at 2.0 Hz, but MANUAL_"),
+    ],
+)
+def test_what_came_twice_counts_once(writer, commands, late_us, tmp_path):
+    path = writer(SHORT, tmp_path / "dive.tlog")
+    once = read(path, FRAME)
+    again = [
+        (t_us + late_us, frame) for t_us, frame in rows_of(path) if frame[7] != MANUAL_CONTROL or not late_us
+    ]
+    twice = sorted([*rows_of(path), *again], key=lambda row: row[0])
+    path.write_bytes(b"".join(t_us.to_bytes(8) + frame for t_us, frame in twice))
+    log = read(path, FRAME)
+    assert f"commands: {commands}" in notes_of(log)
+    assert notes_of(log).partition(";")[0] == notes_of(once).partition(";")[0]
+    for mine, his in ((log.commands, once.commands), (log.command_s, once.command_s)):
+        np.testing.assert_array_equal(mine, his)
+    np.testing.assert_array_equal(log.velocity, once.velocity)
+
+
+def steered(late_s):
+    """Return the commands of a pilot whose sticks have sequence numbers, and came again so late, if so."""
+    heard = Telemetry()
+    for k in range(400):
+        t_s = 0.05 * k
+        fields = dict(zip(FIELDS["ATTITUDE"], (1e3 * t_s, *[0.0] * 6), strict=True))
+        heard.take(t_s, (1, 1), 0, "ATTITUDE", fields.__getitem__)
+        if k % 10 == 0:
+            fields = {"autopilot": 3, "base_mode": 0xD1, "custom_mode": 19, "type": 12}
+            heard.take(t_s, (1, 1), 0, "HEARTBEAT", fields.__getitem__)
+            heard.take(t_s, (1, 1), 0, "NAMED_VALUE_FLOAT", {"name": "PilotGain", "value": 1.0}.__getitem__)
+        came = [(k, t_s)] + ([] if late_s is None else [(k - round(late_s / 0.05), t_s)])
+        for number, at_s in came:
+            if number < 0:
+                continue
+            stick = {"target": 1, "x": 100 * (number // 3 % 5), "y": 0, "z": 500, "r": 0, "s": 0, "t": 0}
+            heard.take(at_s, (255, 190), number % 256, "MANUAL_CONTROL", stick.__getitem__)
+    return heard.collected().sticks
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05, 0.4])
+def test_a_stick_that_came_twice_acts_once(late_s):
+    np.testing.assert_array_equal(steered(late_s), steered(None))
+
+
+def write_vehicles(path, *, boat_alone=False):
+    """Write a log of a boat that says twice as much as the submarine beside it."""
+    boat = mavlink.MAVLink(None, 2, 1)
+    beat = bytes(
+        mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SURFACE_BOAT, 3, 0xD1, 0, 4, 3).pack(boat)
+    )
+    with path.open("wb") as file:
+        for k in range(SHORT.t_s.size):
+            told = [beat, *frames(SHORT, max(k - 9, 0), source=(2, 1)), *frames(SHORT, k, source=(2, 1))]
+            if not boat_alone:
+                told += [*steering(SHORT, k), *frames(SHORT, k)]
+            for frame in told:
+                file.write(round(1.7e15 + 5e4 * k).to_bytes(8) + frame)
+    return path
+
+
+def test_of_vehicles_the_submarine_counts(tmp_path):
+    log = read(write_vehicles(tmp_path / "dive.tlog"), FRAME)
+    assert "vehicle: system/component 1/1, not 2/1; motion" in notes_of(log)
+    with pytest.raises(NoDiveError, match="holds no submarine: system 2 is of MAV_TYPE 11"):
+        read(write_vehicles(tmp_path / "boat.tlog", boat_alone=True), FRAME)
+
+
+@pytest.mark.parametrize("primary", [0, 1])
+def test_of_the_ekf_s_cores_and_imus_those_in_use_count(primary, tmp_path):
+    log = read(write_dataflash(SHORT, tmp_path / "dive.BIN", primary=primary), FRAME)
+    check(log)
+    assert "motion: ATT, IMU, XKF1, of the instances in use" in notes_of(log)
+
+
+def test_an_ekf_that_is_not_in_use_is_not_read(tmp_path):
+    path = write_dataflash(SHORT, tmp_path / "dive.BIN", parameters={"AHRS_EKF_TYPE": 2.0})
+    log = read(path, FRAME)
+    assert "XKF1" not in notes_of(log)
+    assert np.isnan(log.velocity[:, :3]).all()
+
+
+WITH_A_LIGHT = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 9)} | {
+    f"SERVO{n}_FUNCTION": 0.0 for n in range(9, 17)
+}
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        (
+            {"parameters": {"FRAME_CONFIG": 1.0}},
+            r'FRAME_CONFIG is 1, vectored, but --vehicle has frame = "vec',
+        ),
+        ({"parameters": {"FRAME_CONFIG": 7.0}}, "FRAME_CONFIG is 7, another frame"),
+        (
+            {"parameters": {"SERVO9_FUNCTION": 40.0}},
+            "SERVO9_FUNCTION is motor 8, but the log has outputs 1, 2, 3",
+        ),
+        ({"parameters": WITH_A_LIGHT | {"SERVO4_FUNCTION": 59.0}}, "no SERVOn_FUNCTION is motor 4 of frame"),
+        (
+            {"without": "RCOU"},
+            "holds no RCOU, the outputs of the motors; it has ATT, RATE, IMU, XKF1, XKF4, BAT",
+        ),
+    ],
+    ids=str,
+)
+def test_what_a_log_s_own_parameters_contradict_is_refused(how, says, tmp_path):
+    with pytest.raises(NoDiveError, match=says):
+        read(write_dataflash(SHORT, tmp_path / "dive.BIN", **how), FRAME)
+
+
+def test_a_frame_that_a_telemetry_log_contradicts_is_refused(tmp_path):
+    frame = mavlink.MAVLink_param_value_message(b"FRAME_CONFIG", 1.0, 9, 1, 0).pack(
+        mavlink.MAVLink(None, 1, 1)
+    )
+    path = write_tlog(SHORT, tmp_path / "dive.tlog")
+    path.write_bytes(path.read_bytes() + round(1.7e15 + 2e7).to_bytes(8) + bytes(frame))
+    with pytest.raises(RefusedError, match="FRAME_CONFIG is 1, vectored"):
+        commands.identify(["--from", str(path), "--vehicle", "heavy", "--out", str(tmp_path / "v.toml")])
+
+
 def words(fields):
     """Write flags as mavlink-server 0.16 does."""
     flags = {1: "EKF_ATTITUDE", 2: "EKF_VELOCITY_HORIZ", 4: "EKF_VELOCITY_VERT", 8: "EKF_POS_HORIZ_REL"}
@@ -293,7 +433,9 @@ def test_a_roll_all_the_way_round_costs_no_more_than_its_own_windows(tmp_path, c
     path.write_text("\n".join([head, *map(",".join, rows)]) + "\n", encoding="utf-8")
     assert commands.identify(["--test", str(path), "--vehicle", "heavy"]) == 0
     said = capsys.readouterr().out
-    assert (found := re.search(r"(\d+) of (\d+) windows of 1 s are left out: in \1 it rolls or pitches", said))
+    assert (
+        found := re.search(r"(\d+) of (\d+) windows of 1 s are left out: in \1 it rolls or pitches", said)
+    )
     assert 40 < int(found[1]) < 60
     row = scored(read(path, FRAME), load_vehicle(PRESETS / "heavy.toml"))["1"]
     assert row["windows"] == int(found[2]) - int(found[1])
