@@ -18,6 +18,8 @@ from holdfast import RefusedError
 
 MAX_BYTES = 1 << 18
 """Of a text; the largest of our own have a fifth of it."""
+MAX_LOG_BYTES = 1 << 32
+"""Of a log or recording: two days of raw ticks."""
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 """Byte order marks, with which Windows and spreadsheets begin a text, and what they declare."""
 MAX_DEPTH = 32
@@ -66,9 +68,11 @@ def state_directory() -> Path:
 
 
 def refuse_endless(path: Path) -> None:
-    """Raise RefusedError for a pipe or a device: it may never begin, or never end."""
+    """Raise RefusedError for a pipe or a device, which may never begin or end, and for a file of many GB."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise RefusedError(f"{path}: is a pipe or a device: save what it gives as a file")
+    if path.is_file() and path.stat().st_size > MAX_LOG_BYTES:
+        raise RefusedError(f"{path}: is larger than {MAX_LOG_BYTES >> 20} MiB: cut it into parts")
 
 
 def refuse_existing(*paths: Path) -> None:

@@ -14,8 +14,10 @@ from holdfast.files import refuse_endless
 
 MEMORY_BYTES: Final = 2 << 30
 """Of data; the libraries and the stacks of their threads take up to a quarter of it."""
-START_S, BYTES_PER_S = 20, 100_000
-"""Time of the processor that is allowed: to start, and for the files."""
+START_S, BYTES_PER_S, MAX_S = 20, 100_000, 1200
+"""Time of the processor that is allowed: to start, for what the disk has of the files, and at most."""
+BLOCK_BYTES: Final = 512
+"""What a stat counts."""
 
 T = TypeVar("T")
 
@@ -30,7 +32,8 @@ def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T
     for file in files:
         refuse_endless(file)
     name = ", ".join(map(str, files))
-    seconds = START_S + sum(file.stat().st_size for file in files) // BYTES_PER_S
+    stored = (BLOCK_BYTES * file.stat().st_blocks for file in files)  # a sparse file says that it is larger
+    seconds = min(START_S + sum(stored) // BYTES_PER_S, MAX_S)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([read.__module__])
     ours, theirs = context.Pipe(duplex=False)

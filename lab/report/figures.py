@@ -1,5 +1,6 @@
 """What a dive comes to, in figures: phases, thrust, loop, faults. No drawing."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -102,14 +103,13 @@ def figures(log: Log) -> DiveFigures:
             held = [figure for dof in AXES if (figure := _held(log, span, dof)) is not None]
             phases.append(Phase(len(phases) + 1, span.begin_s, span.end_s, ended, held))
     state = log.keys["state"]
-    voltage = state["voltage_v"]
     return DiveFigures(
         warnings=[*_warnings(log), *([] if phases else ["it never engaged: the table of states says why"])],
         phases=phases,
         faults=faults_of(log.spans),
         loop={column: _spread(log, column) for column in LOOP},
-        voltage_min_v=float(np.nanmin(voltage)) if np.isfinite(voltage).any() else np.nan,
-        depth_max_m=float(np.nanmax(state["depth_m"])),
+        voltage_min_v=-_most(-state["voltage_v"]),
+        depth_max_m=_most(state["depth_m"]),
     )
 
 
@@ -187,8 +187,13 @@ def _spread(log: Log, column: str) -> tuple[float, float, float]:
 
 
 def _rms(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values * values))) if values.size else float("nan")
+    return float(np.sqrt(_mean(values * values)))
 
 
 def _mean(values: Array) -> float:
-    return float(np.nanmean(values)) if values.size else float("nan")
+    """Return the mean of what is known, NaN where nothing is."""
+    return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
+
+
+def _most(values: Array) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan

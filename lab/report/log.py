@@ -140,7 +140,8 @@ def _columns(samples: list[tuple[float, Record]]) -> Columns:
     columns = np.array(rows, [(name, float) for name in ("at_s", *names)])
     for name in names:
         columns[name][np.abs(columns[name]) > ABSURD] = np.nan
-    return columns[np.argsort(columns["at_s"], kind="stable")]
+    _, once = np.unique(columns["at_s"], return_index=True)  # a sample may have come twice
+    return np.asarray(columns[once])
 
 
 def _spans(samples: list[tuple[float, Supervisor]]) -> list[StateSpan]:

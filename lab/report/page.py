@@ -36,7 +36,7 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
     title = f"{log.vehicle}: the dive of {began:%Y-%m-%d %H:%M} UTC"
     said = [
         f"{_time(log.duration_s)} recorded, engaged {len(figures.phases)} times",
-        f"down to {figures.depth_max_m:.1f} m",
+        "depth unknown" if math.isnan(figures.depth_max_m) else f"down to {figures.depth_max_m:.1f} m",
         *([f"battery down to {figures.voltage_min_v:.1f} V"] if figures.voltage_min_v > 0.0 else []),
         f"Holdfast {about.get('holdfast', 'of unknown version')}",
         about.get("git", "revision unknown")[:18],

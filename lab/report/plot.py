@@ -112,7 +112,7 @@ def _axis(value: Axes, apart: Axes, force: Axes, log: Log, dof: str) -> None:
     full = held & (law["saturated"] > 0.0)
     if full.any():
         label = f"saturated {full.sum() / held.sum():.1%}"
-        top = np.where(full, np.nanmax(np.abs(law["tau"][held])), np.nan)
+        top = np.where(full, np.abs(np.nan_to_num(law["tau"][held])).max(), np.nan)
         force.plot(law["at_s"], top, color=style.VERMILLION, linewidth=3.0, label=label)
     style.zero(force)
     style.name(force, "Moment" if dof == "psi" else "Force", f"{axis.name} ({axis.force_unit})")

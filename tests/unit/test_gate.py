@@ -67,3 +67,31 @@ def test_a_pipe_and_a_device_which_may_never_begin_or_end_are_refused(read, tmp_
             match=f"{endless}: is a pipe or a device: save what it gives as a file",
         ):
             read(endless)
+
+
+def sparse(path: Path, size: int) -> Path:
+    """Make a file that is small on the disk, and says that it is large."""
+    with path.open("wb") as file:
+        file.write(b"\xa3\x95")
+        file.truncate(size)
+    return path
+
+
+def test_a_file_with_holes_is_given_no_time_for_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(gate, "START_S", 1)
+    with pytest.raises(
+        RefusedError, match=r"dive\.BIN: was not read in 1 s: it is damaged, or cut it into parts"
+    ):
+        gate.bounded(endless, [sparse(tmp_path / "dive.BIN", 3 << 30)])
+
+
+@pytest.mark.parametrize("read", [lambda it: gate.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
+def test_a_file_of_many_gigabytes_is_refused(read, tmp_path):
+    with pytest.raises(RefusedError, match=r"dive\.mcap: is larger than 4096 MiB: cut it into parts"):
+        read(sparse(tmp_path / "dive.mcap", 5 << 30))
+
+
+def test_no_file_is_given_more_time_than_the_most(tmp_path, monkeypatch):
+    monkeypatch.setattr(gate, "MAX_S", 1)
+    with pytest.raises(RefusedError, match="was not read in 1 s"):
+        gate.bounded(endless, [tmp_path])

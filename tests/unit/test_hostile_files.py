@@ -17,6 +17,7 @@ from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from dashboard.recording.mcap_file import FREE_BYTES, MAGIC, MAX_RATIO, Item, Reader, Recording
+from lab.report.log import load
 from lab.report.report import main as report
 
 MakeSample = Callable[..., ControlSample]
@@ -257,3 +258,40 @@ def test_what_a_stranger_put_into_a_dive_does_not_end_a_report(tmp_path: Path, d
             recording.add(Item(key, encoding, payload, stamp, stamp))
     recording.close()
     assert report([str(path)]) == 0
+
+
+def numbers_of(record: dict[str, object]) -> list[str]:
+    return [name for name, value in record.items() if isinstance(value, float) and name != "t_s"]
+
+
+def test_a_recording_in_which_no_number_is_known_is_reported_without_a_warning(
+    tmp_path: Path, dive: list[Item]
+) -> None:
+    path = tmp_path / "dive.mcap"
+    recording = Recording(path)
+    for item in dive:
+        record = json.loads(item.payload)
+        if item.key.endswith("supervisor"):
+            record["state"] = "ACTIVE"
+        else:
+            record |= {"absent": numbers_of(record), "engaged": True, "saturated": True}
+        recording.add(item._replace(payload=json.dumps(record).encode()))
+    recording.close()
+    assert report([str(path)]) == 0
+    page = path.with_suffix(".html").read_text(encoding="utf-8")
+    assert "depth unknown" in page
+    assert "nan" not in page.partition("<img")[0]
+
+
+def test_a_sample_that_came_twice_counts_once(tmp_path: Path, dive: list[Item]) -> None:
+    paths = tmp_path / "once.mcap", tmp_path / "twice.mcap"
+    for path, copies in zip(paths, (1, 2), strict=True):
+        recording = Recording(path)
+        for item in dive:
+            for _ in range(copies):
+                recording.add(item)
+        recording.close()
+    once, twice = (load([path]) for path in paths)
+    assert {key: rows.size for key, rows in twice.keys.items()} == {
+        key: rows.size for key, rows in once.keys.items()
+    }
