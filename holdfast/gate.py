@@ -16,8 +16,6 @@ MEMORY_BYTES: Final = 2 << 30
 """Of data; the libraries and the stacks of their threads take up to a quarter of it."""
 START_S, BYTES_PER_S, MAX_S = 20, 100_000, 1200
 """Time of the processor that is allowed: to start, for what the disk has of the files, and at most."""
-BLOCK_BYTES: Final = 512
-"""What a stat counts."""
 
 T = TypeVar("T")
 
@@ -32,7 +30,7 @@ def bounded(read: Callable[..., T], files: Sequence[Path], *arguments: Any) -> T
     for file in files:
         refuse_endless(file)
     name = ", ".join(map(str, files))
-    stored = (BLOCK_BYTES * file.stat().st_blocks for file in files)  # a sparse file says that it is larger
+    stored = (512 * file.stat().st_blocks for file in files)  # a sparse file says that it is larger
     seconds = min(START_S + sum(stored) // BYTES_PER_S, MAX_S)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([read.__module__])

@@ -27,15 +27,7 @@ from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
 from lab.identify import spreadsheet
 from lab.identify.steering import DIRECT, MANUAL, UNKNOWN
-from lab.identify.telemetry import (
-    EXTENSIONS,
-    FIRST_MOTOR_FUNCTION,
-    USED,
-    Telemetry,
-    aided,
-    motors_of,
-    not_read,
-)
+from lab.identify.telemetry import EXTENSIONS, USED, Telemetry, aided, motors_of, not_read
 
 DATAFLASH: Final = b"\xa3\x95"
 DATAFLASH_STREAMS: Final[dict[str, list[tuple[str, tuple[str, ...], Callable[[Any], float]]]]] = {
