@@ -1,5 +1,6 @@
 """Commands come from Zenoh's threads: one may come between any two bytecodes of what the tick does."""
 
+import inspect
 import json
 import math
 import sys
@@ -45,7 +46,9 @@ class Interrupted:
 
     def tick(self) -> EngineInput:
         """Return what the engine gets, whatever comes meanwhile."""
-        before = sys.gettrace()
+        before, here = sys.gettrace(), inspect.currentframe()
+        assert here is not None
+        here.f_trace_opcodes = True  # Python 3.12 looks at this when settrace is called
         sys.settrace(self._trace)
         try:
             return self._queue.before_tick(self._engine, 1.0)
