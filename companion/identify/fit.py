@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.config import VehicleFile
 from companion.identify import model, tilt
-from companion.identify.least_squares import Solution, jackknife
+from companion.identify.least_squares import Bounds, Solution, jackknife
 from companion.identify.model import Track, parameters
 from companion.identify.samples import NoDiveError
 from companion.records import AXES, PSI, Array, X, Y
@@ -41,6 +41,8 @@ MAX_UNEXPLAINED: Final = 0.35
 """Nor that of an axis of whose change over 2 s the model leaves a larger share: something else drove it."""
 CALM: Final = 0.015
 """A manoeuvre leaves a smaller share in calm water; in waves inertia is found too large."""
+MAX_DOUBT: Final = 0.5
+"""What has a larger share of it is not known: the base's value stays, and the rest is fitted with it."""
 MUCH = 0.9
 """An axis that is known badly is written where its fit leaves a smaller share of what the base leaves."""
 APART = 0.15
@@ -68,6 +70,8 @@ class Fit:
     """1 − R² of each axis over 2 s, on these tables."""
     unexplained_before: tuple[float, ...]
     """The same of the base's parameters."""
+    doubtful: dict[int, tuple[float, float]]
+    """Parameters that are not known: what was found, and its standard deviation."""
     tilt: dict[str, tuple[float, float]]
     """Keys of `[levelling]` with standard deviations."""
     manoeuvre: bool
@@ -95,7 +99,7 @@ class Fit:
 
     def taken(self, axis: int) -> bool:
         """Tell whether an axis is written: known, or at least found and predicted better than by the base."""
-        found = self.axes[axis] and model.MASS + axis not in self.at_bound
+        found = self.axes[axis] and not {model.MASS + axis} & {*self.at_bound, *self.doubtful}
         better = self.unexplained[axis] < MUCH * self.unexplained_before[axis]
         return self.known(axis) or bool(found and better)
 
@@ -123,35 +127,80 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     moving = model.moved(tracks)
     if excited is not None:
         moving &= np.isin(np.arange(len(AXES)), excited)
-    axes = moving[-1]
-    if not axes.any():
+    if not moving[-1].any():
         raise NoDiveError("no axis was measured while it moved: nothing can be found")
-    shared, own = _shared(axes, manoeuvre=excited is not None), model.forces(axes)
     least, most = model.LEAST.copy(), model.MOST.copy()
     for number, bounds in EXACT.items() if excited is not None else ():
         least[number], most[number] = bounds
-    thinned = [track.thinned() for track in tracks]
-    starts = [np.clip(start, least, most) for start in _starts(parameters(base))]
-    found = model.searched(thinned, moving, starts, (shared, own), (least, most))
-    theta, numbers = found.theta, [*shared, *own]
-    covariance = _covariance(found, thinned, numbers)
-    bound = (theta <= least + 1e-4) | (theta >= most - 1e-4)
     velocities = np.concatenate([track.table.velocity[:, model.BODY] for track in tracks])
     speeds = np.sqrt(np.nansum(velocities**2, axis=0) / np.maximum(np.isfinite(velocities).sum(axis=0), 1))
+    theta, covariance, doubtful = _sure(
+        tracks, base, moving, (least, most), speeds, manoeuvre=excited is not None
+    )
+    sigma = np.sqrt(np.diag(covariance))
+    bound = sigma.astype(bool) & ((theta <= least + 1e-4) | (theta >= most - 1e-4))
     before = [track.settled(parameters(base)) for track in tracks]
     return Fit(
         tables=tuple(track.table.name for track in tracks),
         thetas=theta,
-        sigma=np.where(np.isin(np.arange(len(least)), numbers), np.sqrt(np.diag(covariance)), np.nan),
+        sigma=np.where(sigma > 0.0, sigma, np.nan),
         covariance=covariance,
-        at_bound=tuple(i for i in numbers if bound[:, i].any()),
-        axes=tuple(axes.tolist()),
+        at_bound=tuple(np.flatnonzero(bound.any(axis=0)).tolist()),
+        axes=tuple(moving[-1].tolist()),
         speeds=tuple(speeds.tolist()),
         unexplained=tuple(model.unexplained(tracks, theta)[-1].tolist()),
         unexplained_before=tuple(model.unexplained(tracks, before)[-1].tolist()),
+        doubtful=doubtful,
         tilt=tilt.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
+
+
+def _sure(
+    tracks: Sequence[Track],
+    base: VehicleFile,
+    moving: NDArray[np.bool_],
+    bounds: Bounds,
+    speeds: Array,
+    *,
+    manoeuvre: bool,
+) -> tuple[Array, Array, dict[int, tuple[float, float]]]:
+    """Return parameters by table, their covariance, and what is not known of the vehicle.
+
+    The most doubtful parameter is set to that of `base`, and all others are fitted anew, until none is. The
+    two parts of a damping are judged by their sum at the axis' speed. Of an axis whose inertia is not known
+    everything is that of `base`.
+    """
+    before, doubtful, moving = parameters(base), dict[int, tuple[float, float]](), moving.copy()
+    thinned, starts = [track.thinned() for track in tracks], [np.clip(x, *bounds) for x in _starts(before)]
+    while True:
+        shared = [i for i in _shared(moving[-1], manoeuvre=manoeuvre) if i not in doubtful]
+        numbers = [*shared, *(own := model.forces(moving[-1]))]
+        found = model.searched(thinned, moving, starts, (shared, own), bounds)
+        theta, covariance = found.theta, _covariance(found, thinned, numbers)
+        doubts = {i: _doubt(i, theta[0], covariance, speeds) for i in shared if i < len(model.KEYS)}
+        worst = max(doubts, key=doubts.__getitem__)
+        if doubts[worst] <= MAX_DOUBT:
+            return theta, covariance, doubtful
+        doubtful[worst] = float(theta[0, worst]), math.sqrt(covariance[worst, worst])
+        fixed = [worst]
+        if worst < len(AXES):
+            fixed, moving[:, worst] = [i + worst for i in (model.MASS, model.LINEAR, model.QUADRATIC)], False
+        if not moving[-1].any():
+            return theta, covariance, doubtful
+        starts = [theta[0].copy()]
+        starts[0][fixed] = before[fixed]
+
+
+def _doubt(number: int, theta: Array, covariance: Array, speeds: Array) -> float:
+    """Return a parameter's standard deviation as a share of it; of a part of a damping, that of the sum."""
+    weights, axis = np.zeros(theta.size), number % len(AXES)
+    weights[number] = 1.0
+    if model.LINEAR <= number < model.CORIOLIS:
+        weights[[model.LINEAR + axis, model.QUADRATIC + axis]] = speeds[axis], speeds[axis] ** 2
+    least = 2.0 * model.TICK_S if number in (model.LAG, model.START) else 1e-9  # a tick is near enough
+    variance = max(float(weights @ covariance @ weights), 0.0)
+    return math.sqrt(variance) / max(abs(float(weights @ theta)), least)
 
 
 def _covariance(found: Solution, tracks: Sequence[Track], numbers: Sequence[int]) -> Array:
@@ -178,11 +227,19 @@ def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]
     for i, (section, key) in enumerate(model.KEYS):
         value, sigma = float(found.theta[i]), float(found.sigma[i])
         axes = [AXES.index(section)] if section in AXES else range(len(AXES))
-        if math.isnan(sigma):
+        if i in found.doubtful:
+            value, sigma = found.doubtful[i]
+            notes[f"{section}.{key}"] = f"not known; found {value:.3g}, sd {sigma:.2g}"
+        elif math.isnan(sigma):
             notes[f"{section}.{key}"] = "not identified"
         elif any(map(found.taken, axes)):
             table[section][key] = float(f"{value:.4g}")
-            notes[f"{section}.{key}"] = f"sd {sigma:.2g}"
+            apart = (
+                ""
+                if section == "thrusters" or sigma <= MAX_DOUBT * abs(value)
+                else "; only its sum with the other part is known"
+            )
+            notes[f"{section}.{key}"] = f"sd {sigma:.2g}{apart}"
         else:
             notes[f"{section}.{key}"] = f"not identified; found {value:.3g}, sd {sigma:.2g}"
     notes |= {f"levelling.{key}": "not identified" for key in tilt.NAMES}
@@ -199,6 +256,11 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
             yield _axis_words(found, parameters(base), axis)
         else:
             yield f"{name}: not measured, or it did not move: the base's numbers stay; {_needs(axis)}"
+    for i, (value, sigma) in found.doubtful.items():
+        yield (
+            f"{'.'.join(model.KEYS[i])}: not known, found {value:.3g} with an sd of {sigma:.2g}, more than "
+            f"half of it: the base's {parameters(base)[i]:.4g} stays, and the rest is fitted with it"
+        )
     lag, start, delay = (1e3 * found.theta[i] for i in (model.LAG, model.START, model.DELAY))
     late_s, doubt_s = found.sum_of(model.LAG, model.START, model.DELAY)
     yield (
@@ -206,7 +268,7 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
         f"start {start:.0f}, delay {delay:.0f} ms, which are known together better than apart"
     )
     for i in (model.LATER, model.LEVEL_LATER):
-        if found.theta[i]:
+        if found.sigma[i] > 0.0:
             yield f"{TIMES[i]}: {1e3 * found.theta[i]:.0f} ms (sd {1e3 * found.sigma[i]:.0f})"
     for name, theta in zip(found.tables, found.thetas, strict=True):
         pairs = [(axis, theta[model.BIAS + i]) for i, axis in enumerate(AXES) if found.axes[i]]
@@ -227,6 +289,8 @@ def reported(found: Fit, base: VehicleFile) -> Iterator[str]:
 
 
 def _axis_words(found: Fit, before: Array, axis: int) -> str:
+    if model.MASS + axis in found.doubtful:
+        return f"{AXES[axis]}: its inertia is not known: the base's numbers stay; {_needs(axis)}"
     speed, unexplained, unit = found.speeds[axis], found.unexplained[axis], "rad/s" if axis == PSI else "m/s"
     drag, doubt = found.damping_at(axis)
     believed = before[model.LINEAR + axis] * speed + before[model.QUADRATIC + axis] * speed**2

@@ -21,8 +21,8 @@ from companion.records import Array
 NAMES: Final = ("roll_inertia", "pitch_inertia", "roll_righting_nm", "pitch_righting_nm", "lever_m")
 LENGTH_S = 1.0
 MAX_ROLL_RAD = 1.0
-MAX_SHARE: Final = (0.25, 0.25, 0.4, 0.4, 0.0)
-"""A value with a larger share of doubt is not taken; a lever is if it is known to MAX_LEVER_DOUBT_M."""
+MAX_SHARE: Final = (0.25, 0.25, 0.4, 0.4, 0.5)
+"""A value with a larger share of doubt is not taken, nor a lever that is not known to MAX_LEVER_DOUBT_M."""
 MAX_LEVER_DOUBT_M = 0.01
 START: Final = np.array((0.8, 0.8, 4.0, 4.0, 0.02, 0.3, 0.3, 0.0, 0.1, 0.1))
 LEAST: Final = np.array((0.02, 0.02, 0.0, 0.0, -1.0, 0.0, 0.0, -50.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ def fit(tracks: Sequence[Track], theta: Array) -> dict[str, tuple[float, float]]
         for name, value, doubt, share, most in zip(
             NAMES, found.theta[0], sigma, MAX_SHARE, MOST, strict=False
         )
-        if doubt < (share * value if share else MAX_LEVER_DOUBT_M) and value < most
+        if doubt < share * abs(value) and (name != "lever_m" or doubt < MAX_LEVER_DOUBT_M) and value < most
     }
 
 

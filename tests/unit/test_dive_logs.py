@@ -4,6 +4,7 @@ import json
 import math
 import re
 
+import msgspec
 import numpy as np
 import pytest
 from dive_logs import (
@@ -25,7 +26,7 @@ from companion.config import PRESETS, load_vehicle
 from companion.identify import fit, model
 from companion.identify.model import DELAY, LAG, Track, parameters
 from companion.identify.samples import NoDiveError
-from companion.records import AXES
+from companion.records import AXES, Z
 from holdfast import RefusedError
 from lab import commands
 from lab.identify.command import held
@@ -440,3 +441,32 @@ def test_a_roll_all_the_way_round_costs_no_more_than_its_own_windows(tmp_path, c
     row = scored(read(path, FRAME), load_vehicle(PRESETS / "heavy.toml"))["1"]
     assert row["windows"] == int(found[2]) - int(found[1])
     assert all(row[axis] is not None for axis in AXES)
+
+
+def test_what_is_not_known_is_not_written_as_if_it_were(base, tmp_path, capsys):
+    one = dive(30.0)
+    one.velocity += np.random.default_rng(3).normal(0.0, 0.3, one.velocity.shape)
+    log, out = write_csv(one, tmp_path / "dive.csv"), tmp_path / "mine.toml"
+    assert commands.identify(["--from", str(log), "--out", str(out)]) == 0
+    said, text = capsys.readouterr().out, out.read_text(encoding="utf-8")
+    known = re.findall(r"^\w+ = (\S+) +# sd (\S+)$", text, re.MULTILINE)
+    assert known
+    assert all(float(sigma) <= 0.5 * abs(float(value)) for value, sigma in known)
+    before, after = (msgspec.to_builtins(file) for file in (base, load_vehicle(out)))
+    unknown = re.findall(r"(\w+)\.(\w+): not known, found \S+ with an sd of \S+, more than half of it", said)
+    assert ("thrusters", "lag_s") in unknown
+    assert [after[section][key] for section, key in unknown] == [
+        before[section][key] for section, key in unknown
+    ]
+    assert text.count("# not known; found") == len(unknown)
+
+
+def test_of_an_axis_without_a_known_inertia_nothing_is_written(base, tmp_path):
+    one = dive(30.0)
+    one.velocity[:, 2] = np.random.default_rng(3).normal(0.0, 0.3, one.t_s.size)
+    log = read(write_csv(one, tmp_path / "dive.csv"), FRAME)
+    found = fit.fit([Track(log, FRAME)], base)
+    file, _ = fit.vehicle(found, base)
+    assert (file.heave, found.taken(Z)) == (base.heave, False)
+    assert "heave: its inertia is not known: the base's numbers stay" in "\n".join(fit.reported(found, base))
+    assert file.yaw.mass == pytest.approx(MASS[3], rel=0.05)
