@@ -16,9 +16,9 @@ always agrees.
 
 A wave that the thrust counters in part looks like a push the other way, at its own frequency alone; a wrong
 heading turns all frequencies, and the vehicle moves by LEAST_RESPONSE of what the thrust makes, |S_uv| over
-S_uu, or more. An EKF turns the accelerations that it measures by its heading, too, so that its faster motion
-agrees with any: the first band alone counts once it has ALONE_S of motion, ALONE_COHERENCE of it by thrust.
-It is told after LASTS_S over c².
+S_uu, or more. It is told after LASTS_S over c². An EKF turns the accelerations that it measures by its
+heading, too, so that its faster motion agrees with any: the first band counts alone where holding the place
+makes the thrust grow, S_uu by GROWTH within GROWS_S.
 
 A place that a wrong heading lost is tried again once the evidence is gone: after RETRIED_S, then after twice
 as long each time, for without thrust there is no evidence.
@@ -55,9 +55,9 @@ LEAST_COHERENCE = 0.05
 LEAST_RESPONSE = 0.35
 """A compass turned by 180° gave 0.46 (4.5.7)."""
 
-ALONE_S, ALONE_COHERENCE = 4.0, 0.35
-"""In 100 right headings, 35 of them in seas of 0.5 to 1.5 m, no lasting c² was larger than 0.32; a compass
-turned by 180° gave 0.38 to 0.65 (4.5.7)."""
+GROWTH, GROWS_S, ALONE_S, ALONE_COUNTS = 4.0, 3.0, 4.0, 0.5
+"""After ALONE_S of any motion it grew by 6 to 11 with a compass turned by 180° (4.5.7, 4.7), and by 3.5 at
+most in 35 seas of 0.5 to 1.5 m. A second of it counts like half of one with all coherence."""
 
 RETRIED_S = 30.0
 LASTS_S = 1.0
@@ -119,10 +119,19 @@ class _Band:
         self._uv = kept * self._uv + u.conjugate() * v * gap_s
 
     @property
+    def pushed_mps2(self) -> float:
+        """Mean square of what the thrust makes of the velocity, (m/s)²."""
+        return self._uu / max(self.seconds, 1e-9)
+
+    @property
+    def seen(self) -> bool:
+        """Whether that is enough to say something."""
+        return self.pushed_mps2 > self._least_mps**2 and self._vv > 0.0
+
+    @property
     def off(self) -> _Off:
         """By how much the heading is off."""
-        seen = self._uu > self.seconds * self._least_mps**2 and self._vv > 0.0
-        coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if seen else 0.0
+        coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if self.seen else 0.0
         if coherence < LEAST_COHERENCE or abs(self._uv) < LEAST_RESPONSE * self._uu:
             return _Off()
         course_rad = cmath.phase(self._uv)
@@ -152,6 +161,7 @@ class HeadingWatch:
         self._thrust = 0j
         self._bands: list[_Band] = []
         self._gap_s = self._reported_s = self._lost_s = 0.0
+        self._usual_mps2 = self._alone_s = 0.0
         self._course_rad = math.nan
 
     @property
@@ -230,12 +240,22 @@ class HeadingWatch:
         """Count for how long the heading has surely been off."""
         offs = [band.off for band in self._bands] or [_Off()]
         self._course_rad = offs[0].course_rad
-        if offs[0].coherence > ALONE_COHERENCE and self._bands[0].seconds > ALONE_S:
-            offs = offs[:1]
-        off_rad, sure_s = min(off.surely_rad for off in offs), dt_s * min(off.coherence for off in offs)
+        counts = min(off.coherence for off in offs)
+        if self._grows(dt_s):
+            offs, counts = offs[:1], ALONE_COUNTS
+        off_rad, sure_s = min(off.surely_rad for off in offs), dt_s * counts
         self._reported_s = self._reported_s + sure_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + sure_s if off_rad > COURSE_LOST_RAD else 0.0
         self._lost |= self._lost_s > LASTS_S
+
+    def _grows(self, dt_s: float) -> bool:
+        """Tell whether the thrust has grown within the memory of the course."""
+        self._alone_s -= dt_s
+        for band in self._bands[:1]:
+            self._usual_mps2 += (band.pushed_mps2 - self._usual_mps2) * dt_s / GROWS_S
+            if band.seconds > ALONE_S and band.seen and band.pushed_mps2 > GROWTH * self._usual_mps2:
+                self._alone_s = COURSE_MEMORY_S
+        return self._alone_s > 0.0
 
     def _wait(self, dt_s: float) -> None:
         """Let a place that was lost be tried again after a while."""
