@@ -3,6 +3,7 @@
 | a signal is not believed where                                    | such as                              |
 |-------------------------------------------------------------------|--------------------------------------|
 | a fine one repeats exactly (`Repeats`)                            | the climb rate of an EKF that hangs  |
+| the autopilot says that its depth sensor is unhealthy             | a pressure sensor that hangs         |
 | it stays while its rate says that it moves (`Partners.stands`)    | a pressure sensor that hangs         |
 | it and its rate go opposite ways (`Partners.opposed`)             | a rate of the wrong sign             |
 | they, and the pressure, show different motions (`Partners.differ`)| a rate of another scale              |
@@ -35,6 +36,10 @@ LONGEST_S, RATE_GAP_S = 1.2, 0.15
 """Between two samples of a position (with nobody asking the pressure comes at 2 Hz), and of its rate: what
 happens in a longer gap nobody knows."""
 
+PRESSED_S, PRESSED_FINE, PRESSED_STEP_M = 2.0, 4.0, 0.9e-3
+"""A pressure that repeats for so long is ArduSub's own sign of a sensor that hangs. One in coarser steps, as
+a Bar30's of 1 mm, is left to ArduSub: 28 % of its readings repeat (docs/ardusub.md, "Telemetry")."""
+
 LEAST_M = 0.05
 """The noise of a climb rate adds up to 11 mm over STANDING_S (docs/ardusub.md, "Telemetry")."""
 
@@ -43,9 +48,13 @@ DIFFERENT = 0.5
 
 
 class Repeats:
-    """Since when one signal has repeated exactly."""
+    """Since when one signal has repeated exactly.
 
-    def __init__(self) -> None:
+    It is a fine one if its usual change is `fine` times the least one, and that is `coarsest` at most.
+    """
+
+    def __init__(self, fine: float = FINE, coarsest: float = math.inf) -> None:
+        self._fine, self._coarsest = fine, coarsest
         self.since_s = math.nan
         """When it changed last."""
         self._value = math.nan
@@ -64,10 +73,11 @@ class Repeats:
             self._log_usual += (math.log(change) - self._log_usual) / CHANGES
         self.since_s, self._value, self._in_a_row = t_s, value, 1
 
-    def frozen(self, now_s: float) -> bool:
-        """Tell whether it is a fine signal that repeats."""
-        lasts = self._in_a_row >= IN_A_ROW and now_s - self.since_s >= FROZEN_S
-        return lasts and self._log_usual >= math.log(FINE * self._least)
+    def frozen(self, now_s: float, least_s: float = FROZEN_S) -> bool:
+        """Tell whether it is a fine signal that repeats for so long."""
+        lasts = self._in_a_row >= IN_A_ROW and now_s - self.since_s >= least_s
+        fine = self._least <= self._coarsest and self._log_usual >= math.log(self._fine * self._least)
+        return lasts and fine
 
 
 class Partners:
@@ -133,7 +143,9 @@ class DepthAnswers:
     """Depth, climb rate and pressure, which shows a zero of depth that moves to be no motion."""
 
     def __init__(self) -> None:
-        self._climb = Repeats()
+        self.healthy = True
+        """Whether the autopilot believes its depth sensor."""
+        self._climb, self._reading = Repeats(), Repeats(PRESSED_FINE, PRESSED_STEP_M)
         self._depth, self._pressure = Partners(0.04, 2.0, LEAST_M), Partners(0.04, 2.0, LEAST_M)
         self._pressure_s = -math.inf
 
@@ -146,6 +158,7 @@ class DepthAnswers:
     def pressure(self, t_s: float, z_m: float) -> None:
         """Take a reading of the pressure."""
         self._pressure_s = t_s
+        self._reading.step(t_s, z_m)
         self._pressure.position(t_s, z_m)
 
     def position(self, t_s: float, z_m: float) -> tuple[float, str]:
@@ -153,6 +166,10 @@ class DepthAnswers:
         self._depth.position(t_s, z_m)
         if self._climb.frozen(t_s):
             return self._climb.since_s, f"the climb rate repeats for {t_s - self._climb.since_s:.1f} s"
+        if self._reading.frozen(t_s, PRESSED_S):
+            return self._reading.since_s, f"the pressure repeats for {t_s - self._reading.since_s:.1f} s"
+        if not self.healthy:
+            return -math.inf, "the autopilot reports its depth sensor unhealthy"
         if self._depth.stands:
             return self._depth.since_s, "the depth repeats while the climb rate shows a motion"
         moved_zero = t_s - self._pressure_s <= LONGEST_S and not self._pressure.differ

@@ -287,6 +287,8 @@ class Estimator:
                 self._on_position(event)
             case events.Pressure():
                 self._on_pressure(event)
+            case events.DepthSensor():
+                self._depth_answers.healthy = event.healthy
             case events.Range():
                 self._ranges.append(event)
             case events.ServoOutput():

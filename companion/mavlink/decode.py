@@ -59,6 +59,7 @@ LEAK_TEXT: Final = "leak detected"
 """ArduSub says so every 20 s while a detector is wet and FS_LEAK_ENABLE is not 0 (failsafe_leak_check)."""
 
 MAX_CHUNKS: Final = 8
+DEPTH_SENSOR: Final = mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
 SERVOS: Final = attrgetter(*(f"servo{output}_raw" for output in range(1, len(FUNCTIONS) + 1)))
 
 
@@ -258,6 +259,8 @@ class Decoder:
             yield from _battery(t_s, sum(mv for mv in (*m.voltages, *m.voltages_ext) if mv != UINT16_MAX))
 
     def _sys_status(self, m: Message, t_s: float) -> Iterator[Event]:
+        if m.onboard_control_sensors_present & DEPTH_SENSOR:
+            yield records.DepthSensor(t_s, bool(m.onboard_control_sensors_health & DEPTH_SENSOR))
         if m.voltage_battery != UINT16_MAX:
             yield from _battery(t_s, m.voltage_battery)
 

@@ -32,6 +32,7 @@ from companion.records.events import (
     Battery,
     Depth,
     DepthRate,
+    DepthSensor,
     EkfOrigin,
     EkfStatus,
     Event,

@@ -118,8 +118,8 @@ class Condition(IntFlag):
     )
     DEPTH_DOUBTED = (
         "the measured depth does not answer the vehicle's motion",
-        "the climb rate repeats exactly, or the depth does while the climb rate shows a motion, or the two "
-        "differ: such a depth is not used, and DEPTH STALE follows",
+        "climb rate or pressure repeat exactly, or the depth does while the climb rate moves, or they "
+        "differ; or the autopilot reports its sensor. Such a depth is not used: DEPTH STALE follows",
         "restart the autopilot; check the depth sensor and its cable",
         "the measured depth answers the vehicle's motion again",
         "a depth that answers the vehicle's motion",

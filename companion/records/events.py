@@ -234,6 +234,12 @@ class EkfStatus(Event, frozen=True, gc=False):
     """The position comes of a source of positions; else it is dead reckoning, and drifts."""
 
 
+class DepthSensor(Event, frozen=True, gc=False):
+    """What the autopilot says of its depth sensor; ArduSub doubts one that does not change for 2 s."""
+
+    healthy: bool
+
+
 class Leak(Event, frozen=True, gc=False):
     """The autopilot's leak detector is wet."""
 

