@@ -38,6 +38,7 @@ from companion.records import (
     Event,
     Flags,
     LoopHealth,
+    Parameter,
     PilotSticks,
     Request,
     Setpoint,
@@ -150,7 +151,12 @@ class Engine:
         memory, inputs = self._estimate(heard)
         memory, known = tick.observe(self.parameters, memory, inputs)
         state = self._estimator.update(
-            inputs, known.motion, known.model, known.dead_motor, memory.actuated.delivered
+            inputs,
+            known.motion,
+            known.model,
+            known.dead_motor,
+            known.reversed_motor,
+            memory.actuated.delivered,
         )
         demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)
         verdict, permission = self._permit(heard, memory, known, state, demanded)
@@ -373,7 +379,7 @@ class Engine:
             releases=verdict.state in RELEASING,
             rests=regained is None,
             regained=regained or NONE,
-            trusts_thrusters=Request.CLEAR_FAULT in heard.requests,
+            trusts_thrusters=Request.CLEAR_FAULT in heard.requests or _was_mended(heard, state),
             reach=self._reach(state),
             excitation=self.excitation,
         )
@@ -383,6 +389,9 @@ class Engine:
         config, conditions = self._config, self.verdict.conditions
         failure = self._fitness.step(heard.events, state, config, conditions, holding=holding)
         details = {Condition.PREFLIGHT_FAILURE: (failure, "")} if failure else {}
+        if motor := state.reversed_motor:
+            todo = Condition.THRUSTER_REVERSED.remedy.replace("MOT_n", f"MOT_{motor}")
+            details[Condition.THRUSTER_REVERSED] = (f"motor {motor}", todo)
         if not state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s:
             details[Condition.LINK_LOST] = self.heard.contact()
         return details
@@ -403,7 +412,7 @@ class Engine:
         guidance, dt_s = self._guidance, heard.control_dt_s
         target = guidance.step(demanded, heard.reports, verdict, state, reference, dt_s)
         full = verdict.state is State.ACTIVE and verdict.authority >= 1.0
-        pitches = full and known.dead_motor <= HORIZONTAL
+        pitches = full and max(known.dead_motor, known.reversed_motor) <= HORIZONTAL
         return Wanted(target, guidance.engaged, guidance.sources.angles.asked if pitches else LEVEL)
 
     def _guard(self, demand: Demand, state: VehicleState, demanded: PilotDemand, verdict: Verdict) -> Guarded:
@@ -457,6 +466,13 @@ class Engine:
             refused=self._supervision.engagement.refused,
             disarms_in_s=self._supervision.disarms_in_s(state),
         )
+
+
+def _was_mended(heard: Heard, state: VehicleState) -> bool:
+    """Tell whether somebody set, or read, the direction of the motor that was found reversed, on deck."""
+    name = f"MOT_{state.reversed_motor}_DIRECTION"
+    said = (report.name for report in heard.reports if isinstance(report, Parameter))
+    return state.reversed_motor > 0 and not state.armed and name in said
 
 
 def by_quantity(samples: Samples) -> Dofs:

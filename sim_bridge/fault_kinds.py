@@ -42,7 +42,11 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "mode": FaultKind("once: another flight mode", "its number", 0.0, 255.0, on_firmware=True),
     "parameter": FaultKind("once: `parameter` gets another value", "that value", on_firmware=True),
     "thruster": FaultKind(
-        "number `thruster` keeps only this part of its thrust", "part", 0.0, 1.0, on_firmware=True
+        "number `thruster` keeps only this part of its thrust; below 0 it pushes the other way",
+        "part",
+        -1.0,
+        1.0,
+        on_firmware=True,
     ),
     "thruster_stuck": FaultKind(
         "number `thruster` runs at this PWM, whatever it is told", "µs", 1100.0, 1900.0, on_firmware=True

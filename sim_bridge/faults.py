@@ -56,7 +56,7 @@ class Faults:
         return begun
 
     def health(self) -> Eight:
-        """Health 0..1 of each thruster."""
+        """Health -1..1 of each thruster."""
         health = [1.0] * 8
         for fault in self._active:
             if fault.kind == "thruster":

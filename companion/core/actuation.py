@@ -9,9 +9,9 @@ from companion.core.allocation import (
     ByAxis,
     Thrusters,
     allocate,
+    as_found,
     delivered,
     overloaded,
-    without_motor,
 )
 from companion.core.attitude import Deviation, Held
 from companion.core.bounds import limited
@@ -73,6 +73,8 @@ class ActuationMemory(NamedTuple):
     """By degree of freedom, whether the law did not get what it asked for."""
     dead_motor: int
     """Number of the motor around which is allocated; 0 for none."""
+    reversed_motor: int
+    """Number of the motor that is used the other way round; 0 for none."""
 
 
 class Limits(NamedTuple):
@@ -117,6 +119,7 @@ def start(actuation: Actuation) -> ActuationMemory:
         delivered=ZERO,
         saturated=NONE,
         dead_motor=0,
+        reversed_motor=0,
     )
 
 
@@ -241,10 +244,10 @@ def allocated(
     actuation: Actuation, memory: ActuationMemory, tau: Axes, voltage_v: float, reach: Axes, turns: bool
 ) -> tuple[Axes, ByAxis]:
     """Return the axes for a body wrench; yaw is ours where it `turns`, and beside the pilot's axes."""
-    thrusters = without_motor(actuation.thrusters, memory.dead_motor)
+    thrusters = as_found(actuation.thrusters, memory.dead_motor, memory.reversed_motor)
     axes, shortfall = allocate(thrusters, tau, voltage_v, reach)
     yaw = axes[PSI]
-    if memory.dead_motor > 0 and memory.pilots != NO_AXES and math.isfinite(tau[PSI]):
+    if memory.dead_motor + memory.reversed_motor > 0 and memory.pilots != NO_AXES and math.isfinite(tau[PSI]):
         yaw = yaw_beside(thrusters, memory.pilots, tau[PSI], voltage_v, reach[PSI])
     if not turns:  # unequal curves ask for a little, of a heading not ours
         yaw = 0.0
@@ -275,7 +278,7 @@ def sent(
 
     Return the wrench that it gives in the level frame of the heading, N and N·m.
     """
-    thrusters = without_motor(actuation.thrusters, memory.dead_motor)
+    thrusters = as_found(actuation.thrusters, memory.dead_motor, memory.reversed_motor)
     less = each(fell_short, (0, 1, 2, 3), memory, command, overloaded(thrusters, command))
     if not attitude.is_straight(memory.held):
         any_force = less[0] or less[1] or less[2]
@@ -308,23 +311,25 @@ def level_wrench(at: Tilt, tau: Vector) -> Vector:
     return (x, y, z, N)
 
 
-def gone_on_without(
-    actuation: Actuation, memory: ActuationMemory, motor: int, at: Tilt
+def gone_on_with(
+    actuation: Actuation, memory: ActuationMemory, dead: int, reversed_motor: int, at: Tilt
 ) -> tuple[ActuationMemory, Vector]:
-    """Allocate around a motor that gives no thrust, or none for 0, without a step in what is given.
+    """Allocate as the motors were found, without a step in what is given (`allocation.as_found`).
 
-    Return what the last command gave less than was believed, as `sent` does. Where the others cannot do the
-    motor's work (`allocation.can_lose`), everything stays as it is.
+    Return what the last command gave less than was believed, as `sent` does.
     """
     whole, command = actuation.thrusters, memory.command
-    believed = delivered(without_motor(whole, memory.dead_motor), command, at.voltage_v)
-    given = delivered(without_motor(whole, motor), command, at.voltage_v)
+    before = as_found(whole, memory.dead_motor, memory.reversed_motor)
+    believed = delivered(before, command, at.voltage_v)
+    given = delivered(as_found(whole, dead, reversed_motor), command, at.voltage_v)
     surge, sway, heave = believed[0] - given[0], believed[1] - given[1], believed[2] - given[2]
     N, K, M = believed[3] - given[3], believed[4] - given[4], believed[5] - given[5]
     roll, pitch = memory.roll, memory.pitch
-    if actuation.levels:
+    if reversed_motor + memory.reversed_motor > 0:
+        roll, pitch = levelling.rested(roll), levelling.rested(pitch)
+    elif actuation.levels:
         roll = levelling.trimmed(actuation.roll, roll, K)
         pitch = levelling.trimmed(actuation.pitch, pitch, M)
     N = N / attitude.upright_share(memory.held)
-    memory = memory._replace(roll=roll, pitch=pitch, dead_motor=motor)
+    memory = memory._replace(roll=roll, pitch=pitch, dead_motor=dead, reversed_motor=reversed_motor)
     return memory, level_wrench(at, (surge, sway, heave, N))

@@ -15,6 +15,7 @@ Within a group the columns of M are orthogonal, so its pseudo-inverse is N⁻¹ 
 | f, T   | push of each motor at 16 V, and the curve that gives it                        | N       |
 | n      | how four motors on three axes push against each other: Mᵀ n = 0                |         |
 | λ      | how strongly they have to, so that axis demands exist that ask for t: nᵀ t = 0 | N       |
+| w      | 1; -1 for a motor that runs the other way round: it pushes T(w t)              |         |
 | k      | a motor that gives no thrust; without it the other three serve the three axes  |         |
 
 Without motor k the three others push f = M₃⁻ᵀ S⁻¹ tau, and what is asked of k makes nᵀ t = 0:
@@ -22,7 +23,8 @@ Without motor k the three others push f = M₃⁻ᵀ S⁻¹ tau, and what is ask
     t_j = T⁻¹(f_j)     t_k = −n_k Σ n_j t_j
 
 So heave without moments is the work of two motors on one diagonal, the fourth rests, and |t_k| ≤ 1 leaves
-half of their demand. Where that does not suffice, the moments are given whole and the forces are cut.
+half of their demand. If k runs the other way round, t = w T⁻¹(f + λ n): heave is the work of k and of the
+motor on its diagonal. Where that does not suffice, the moments are given whole and the forces are cut.
 """
 
 import math
@@ -75,8 +77,8 @@ NEWTON_STEPS = 2
 SLOPE_STEP = 0.1
 MIN_SLOPE_N = 1e-9
 OVERLOAD = 1.01
-HALVINGS = 10
-"""Of the share of the forces that the motors can give beside what goes first."""
+HALVINGS, TURNED_HALVINGS = 10, 14
+"""Of the share of the forces that the motors can give beside what goes first; of λ."""
 
 # Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
 _HORIZONTAL: tuple[Axes, ...] = (
@@ -99,6 +101,7 @@ HORIZONTAL = len(_HORIZONTAL)
 YAW = 3
 """Of the six axes the first that turns."""
 NO_MOTOR: Four = (0.0, 0.0, 0.0, 0.0)
+FORWARD: Four = (1.0, 1.0, 1.0, 1.0)
 NOTHING: Three = (0.0, 0.0, 0.0)
 PER_NEWTON: Axes = (math.sqrt(0.5), math.sqrt(0.5), 1.0, math.sqrt(0.5) * (0.156 + 0.111), 0.218, 0.12)
 """S; lengths in m from docs/ardusub.md, "Vehicles"."""
@@ -121,8 +124,8 @@ class Group(NamedTuple):
     """1 for an axis whose demand is met before the others': yaw; without a motor every moment."""
     whole: bool
     """Whether all motors give thrust."""
-    dead: Four
-    """1 for motor k, 0 for the others."""
+    ways: Four
+    """w; 0 for motor k."""
     pushes: tuple[Three, Three, Three, Three]
     """M N⁻¹, without k M₃⁻ᵀ: by motor what it pushes for a newton on each axis; zero for k."""
 
@@ -169,7 +172,7 @@ def _group(factors: list[Three], axes: tuple[int, int, int], max_tau: Axes) -> G
         max_tau=(max_tau[i], max_tau[j], max_tau[k]),
         first=(float(i == YAW), float(j == YAW), float(k == YAW)),
         whole=True,
-        dead=NO_MOTOR,
+        ways=FORWARD,
         pushes=(p, q, r, s),
     )
 
@@ -184,22 +187,39 @@ def can_lose(whole: Thrusters, motor: int) -> bool:
     return whole.vertical.opposed[motor - 1 - HORIZONTAL] != 0.0
 
 
+def as_found(whole: Thrusters, dead: int, reversed_motor: int) -> Thrusters:
+    """Return the thrusters as they are: without motor `dead`, or with one the other way round; 0 for none."""
+    return turned_motor(whole, reversed_motor) if reversed_motor > 0 else without_motor(whole, dead)
+
+
+def turned_motor(whole: Thrusters, motor: int) -> Thrusters:
+    """Return the thrusters of which `motor`, 1 to `motor_count`, runs the other way round."""
+    if motor <= HORIZONTAL:
+        return whole._replace(horizontal=_with(whole.horizontal, motor - 1, -1.0))
+    return whole._replace(vertical=_with(whole.vertical, motor - 1 - HORIZONTAL, -1.0))
+
+
 def without_motor(whole: Thrusters, motor: int) -> Thrusters:
     """Return the thrusters that go on without `motor`; all for 0, and for one that nothing replaces."""
     if motor == 0 or not can_lose(whole, motor):
         return whole
     if motor <= HORIZONTAL:
-        return whole._replace(horizontal=_without(whole.horizontal, motor - 1, (0.0, 0.0, 1.0)))
-    return whole._replace(vertical=_without(whole.vertical, motor - 1 - HORIZONTAL, (0.0, 1.0, 1.0)))
+        return whole._replace(horizontal=_without(whole.horizontal, motor - 1))
+    return whole._replace(vertical=_without(whole.vertical, motor - 1 - HORIZONTAL))
 
 
-def _without(group: Group, k: int, moments: Three) -> Group:
-    dead = each(_is, (0, 1, 2, 3), k)
-    return group._replace(first=moments, whole=False, dead=dead, pushes=each(_pushes, (0, 1, 2, 3), k, group))
+def _without(group: Group, k: int) -> Group:
+    return _with(group, k, 0.0)._replace(pushes=each(_pushes, (0, 1, 2, 3), k, group))
 
 
-def _is(motor: int, k: int) -> float:
-    return 1.0 if motor == k else 0.0
+def _with(group: Group, k: int, way: float) -> Group:
+    """Return a group whose motor k runs another way, with the moments first: yaw, or roll and pitch."""
+    moments = group.first if group.first != NOTHING else (0.0, 1.0, 1.0)
+    return group._replace(first=moments, whole=False, ways=each(_way, (0, 1, 2, 3), k, way))
+
+
+def _way(motor: int, k: int, way: float) -> float:
+    return way if motor == k else 1.0
 
 
 def _pushes(j: int, k: int, group: Group) -> Three:
@@ -321,7 +341,9 @@ def _shared(group: Group, turning: Four, everything: Four, share: float, reach: 
         interpolated(forces[2], DEMAND),
         interpolated(forces[3], DEMAND),
     )
-    if not group.whole:
+    if min(group.ways) < 0.0:
+        t = _turned(group, forces)
+    elif not group.whole:
         t = _idle(group, t)
     a = _group_demands(group, t)
     if group.whole:
@@ -344,14 +366,34 @@ def _shared(group: Group, turning: Four, everything: Four, share: float, reach: 
 
 def _idle(group: Group, t: Four) -> Four:
     """Return the demands with that on the motor without thrust for which nᵀ t = 0."""
-    n, k = group.opposed, group.dead
+    n, w = group.opposed, group.ways
     idle = n[0] * t[0] + n[1] * t[1] + n[2] * t[2] + n[3] * t[3]
     return (
-        t[0] - k[0] * n[0] * idle,
-        t[1] - k[1] * n[1] * idle,
-        t[2] - k[2] * n[2] * idle,
-        t[3] - k[3] * n[3] * idle,
+        t[0] - (1.0 - w[0]) * n[0] * idle,
+        t[1] - (1.0 - w[1]) * n[1] * idle,
+        t[2] - (1.0 - w[2]) * n[2] * idle,
+        t[3] - (1.0 - w[3]) * n[3] * idle,
     )
+
+
+def _turned(group: Group, forces: Four) -> Four:
+    """Return the demands t = w T⁻¹(f + λ n) for which nᵀ t = 0; where n is 0 every λ will do."""
+    n, t = group.opposed, NO_MOTOR
+    high = 3.0 * max(abs(forces[0]), abs(forces[1]), abs(forces[2]), abs(forces[3]))
+    low = -high
+    for _ in range(TURNED_HALVINGS):
+        push = 0.5 * (low + high)
+        t = (
+            group.ways[0] * interpolated(forces[0] + push * n[0], DEMAND),
+            group.ways[1] * interpolated(forces[1] + push * n[1], DEMAND),
+            group.ways[2] * interpolated(forces[2] + push * n[2], DEMAND),
+            group.ways[3] * interpolated(forces[3] + push * n[3], DEMAND),
+        )
+        if n[0] * t[0] + n[1] * t[1] + n[2] * t[2] + n[3] * t[3] < 0.0:
+            low = push
+        else:
+            high = push
+    return t
 
 
 def _balanced(group: Group, t: Four, forces: Four) -> Four:
@@ -408,16 +450,14 @@ def _group_demands(group: Group, t: Four) -> Three:
 
 def _group_wrench(group: Group, a: Three, strength: float) -> Three:
     """Return S Mᵀ T(M a), at a battery's strength."""
-    pushes = each(interpolated, _by_motor(group.factors, a), PUSH)
-    if not group.whole:
-        pushes = each_of_two(_alive, pushes, group.dead)
+    pushes = each_of_two(_pushed, _by_motor(group.factors, a), group.ways)
     X, Y, Z = _group_sums(group, pushes)
     levers = group.levers
     return X * levers[0] * strength, Y * levers[1] * strength, Z * levers[2] * strength
 
 
-def _alive(push: float, dead: float) -> float:
-    return push - dead * push
+def _pushed(demand: float, way: float) -> float:
+    return interpolated(way * demand, PUSH)
 
 
 def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:

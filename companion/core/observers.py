@@ -440,6 +440,16 @@ def _without_thrust(memory: DofMemory, lost: float) -> DofMemory:
     return memory._replace(state=state, mean_d=memory.mean_d - lost, predictor=predicting)
 
 
+def undisturbed(memory: ObserversMemory) -> ObserversMemory:
+    """Forget d: what drove the vehicle was a motor that pushes the other way."""
+    return memory._replace(dofs=each(_undisturbed, memory.dofs))
+
+
+def _undisturbed(memory: DofMemory) -> DofMemory:
+    predicting = predictor.interrupted(memory.predictor)
+    return memory._replace(state=memory.state._replace(d=0.0), mean_d=0.0, predictor=predicting)
+
+
 def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
     """Go on from the present estimate with another model, other noises and sensor delays."""
     learner, old = memory.learner, memory.learner.schedule

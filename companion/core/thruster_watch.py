@@ -1,16 +1,21 @@
-"""Which thruster gives no thrust: of nine hypotheses the one that explains how the vehicle turns.
+"""Which thruster gives no thrust, or pushes the other way: what explains best how the vehicle turns.
 
-Hypothesis i says that motor i pushes nothing, hypothesis 0 that all push. About each axis of rotation
+Hypothesis i, σ says that motor i gives a share σ of its push, hypothesis 0 that all push. About each axis of
+rotation
 
-    y = c v − k s − z h       v = u − b_i f_i        (i = 0: v = u)
+    y = c v − k s − z h       v = u − (1 − σ) b_i f_i        (i = 0: v = u)
 
 is fitted to the last seconds: c stands for an inertia, or thrusters, that all differ from the nominal
 ones by one factor; k for what rights a tilted vehicle, or brakes a turn; z for a lever of the horizontal
 motors that is not the one that levelling found, within the doubt of that, or z = 0: a vertical motor is
-dead by both fits or not at all. A dead motor is the one whose
-hypothesis leaves less than EXPLAINS of the squares that hypothesis 0 and the three other motors of its
-group leave, and less than if it had kept half of its push: a motor that still pushes must not be taken
-for dead, because the allocation around a dead motor lets that motor's own demand go anywhere.
+accused by both fits or not at all. The motor that is accused is the one whose hypothesis leaves less than
+EXPLAINS of the squares that hypothesis 0 and the other motors of its group leave. It is reversed if σ = −1 or
+σ = −½ leaves clearly less than σ = 0, and else dead, if σ = ½ leaves more: a motor that still pushes must not
+be taken for dead, because the allocation around a dead motor lets that motor's own demand go anywhere. A
+motor with half of its push (σ = ½) is held as it is, and hardly seen.
+
+A reversed vertical motor turns the vehicle over within a second. So what is clear is believed sooner: the
+time that a suspicion has to last is divided by how much clearer it is than EXPLAINS asks.
 
 The horizontal motors are seen in yaw and, by their lever, in roll: that tells apart two which turn the
 vehicle in the same way. The vertical motors are seen in roll and pitch. While more is left in yaw than
@@ -24,13 +29,15 @@ a motor has nothing to do its failure is not found, and does no harm.
 | b_i     | moment for a newton of motor i                                                   | m          |
 | u, v    | moment of all motors, and of those that push; vu: mean product                   | N·m        |
 | y       | I ω', over SLOW_S                                                                | N·m        |
+| σ       | share of its push that a motor gives: 0 dead, -1 reversed                        | 1          |
 | ω, I    | rate p, q or r, nominal inertia                                                  | rad/s      |
 | s       | roll, pitch; in yaw the rate                                                     | rad, rad/s |
 | h       | force of the horizontal motors, over SLOW_S: sway for roll, surge for pitch      | N          |
 | c, k, z | fitted, within bounds                                                            | 1, N·m, m  |
 
-Products of pairs are averaged over MEMORY_S, from which the fit follows for any c, k and z. A motor that was
-found dead is tested further, against hypothesis 0, and counts as sound again where that explains as much.
+Products of pairs are averaged over MEMORY_S, from which the fit follows for any σ, c, k and z. A motor that
+was accused is tested further, against hypothesis 0 and the other fault, and counts as sound again where
+hypothesis 0 explains as much.
 """
 
 import math
@@ -54,7 +61,9 @@ from companion.records import Axes
 
 SLOW_S = 1.0
 SHORTEST_S = 0.02
-MEMORY_S = 2.0
+MEMORY_S, QUICK_S = 2.0, 0.5
+"""How long products are remembered; and while a motor is suspected to push the
+other way: before that it may have been sound."""
 LEAST_GAIN, MOST_GAIN = 0.3, 3.0
 MOST_RIGHTING = 8.0
 """N·m/rad; in yaw N·m/(rad/s)."""
@@ -62,6 +71,15 @@ MOST_RIGHTING = 8.0
 EXPLAINS = 0.4
 DOUBTED = 0.6
 """A dead motor's hypothesis that leaves more than this share of what hypothesis 0 leaves is given up."""
+
+CLEARLY = 0.05
+"""One share of a motor is told from another by this part of what hypothesis 0 leaves."""
+
+UNCLEAR = 0.3
+"""The same for a dead motor that may be a reversed one."""
+
+MOST_CLEAR, HORIZONTAL_CLEAR = 10.0, 2.0
+"""Largest divisor of HOLDS_S for a reversed motor: a vertical one, and a horizontal one, which can wait."""
 
 LEAST_NM = 0.07
 """RMS of what hypothesis 0 leaves, below which it is not doubted."""
@@ -72,9 +90,13 @@ WATER_M = 0.034
 OFF_CENTRE_M, EDDIES_NM = 0.025, 0.11
 """The water may turn a vehicle by so much for a newton of the horizontal motors, and by so much without."""
 
+MOTORS = (1, 2, 3, 4)
+"""Of a group."""
+
 HOLDS_S = 0.8
-EXCUSED_S = 20.0
-"""After a motor was found sound again, none is suspected for this time."""
+EXCUSED_S, RIGHTED_S = 20.0, 3.0
+"""After a motor was found sound again, none is suspected for this time. After one was found reversed nothing
+is judged until the vehicle is upright: the fit is for small tilts."""
 
 BIAS_S, EXCUSED_BIAS_S = 60.0, 5.0
 """How slowly a constant moment, such as that of a payload beside the centre, is taken for what it is."""
@@ -133,11 +155,20 @@ class Shown(NamedTuple):
     weight: float
 
 
-class Suspect(NamedTuple):
-    """The motor whose hypothesis has been the best, 1 to 8, or 0; and for how long."""
+class Fault(NamedTuple):
+    """A motor, 1 to 8, that gives `share` of its push: 0, or -1; or motor 0, or a motor that gives all."""
 
     motor: int
+    share: float
+
+
+class Suspect(NamedTuple):
+    """The fault whose hypothesis has been the best, and for how long."""
+
+    fault: Fault
     lasts_s: float
+    clear: float
+    """By what its time counts."""
 
 
 class State(NamedTuple):
@@ -158,13 +189,16 @@ class State(NamedTuple):
     suspect: Suspect
     dead: int
     """The motor that gives no thrust, 1 to 8; 0 while all do."""
+    reversed: int
+    """The motor that pushes the other way, 1 to 8; 0 while none does."""
     excused_s: float
 
 
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
 NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, yy=0.0, ys=0.0, ss=0.0, yh=0.0, sh=0.0, hh=0.0, oo=0.0)
 NOTHING = Shown(NO_SUMS, NO_SUMS, 1.0)
-NOBODY = Suspect(0, 0.0)
+NO_FAULT = Fault(0, 1.0)
+NOBODY = Suspect(NO_FAULT, 0.0, 1.0)
 START = State(
     lagged=(0.0,) * 8,
     pushes=(0.0,) * 8,
@@ -174,14 +208,15 @@ START = State(
     upright=NOTHING,
     suspect=NOBODY,
     dead=0,
+    reversed=0,
     excused_s=0.0,
 )
 """All motors push, as far as is known."""
 
 
 def rest(state: State) -> State:
-    """Return what stays known where nobody steers: the motor that gave no thrust."""
-    return START._replace(dead=state.dead, excused_s=state.excused_s)
+    """Return what stays known where nobody steers: the motor that was accused."""
+    return START._replace(dead=state.dead, reversed=state.reversed, excused_s=state.excused_s)
 
 
 def step(
@@ -212,7 +247,9 @@ def step(
     bias, seen_across, seen_upright = summed(
         parameters, state, horizontal, vertical, slow, turning, levers, dt_s
     )
-    suspect, dead, excused_s = judged(state, seen_across, seen_upright, levers, dt_s)
+    suspect, fault, excused_s = judged(state, seen_across, seen_upright, levers, dt_s)
+    if fault != believed(state) or (fault.share < 0.0 and excused_s > 0.0):
+        seen_across, seen_upright = NOTHING, NOTHING
     return State(
         lagged=across + upright,
         pushes=horizontal + vertical,
@@ -221,9 +258,17 @@ def step(
         across=seen_across,
         upright=seen_upright,
         suspect=suspect,
-        dead=dead,
+        dead=fault.motor if fault.share == 0.0 else 0,
+        reversed=fault.motor if fault.share < 0.0 else 0,
         excused_s=excused_s,
     )
+
+
+def believed(state: State) -> Fault:
+    """Return the fault that is believed."""
+    if state.reversed > 0:
+        return Fault(state.reversed, -1.0)
+    return Fault(state.dead, 0.0) if state.dead > 0 else NO_FAULT
 
 
 def _eased(before: float, now: float, new: float) -> float:
@@ -260,14 +305,15 @@ def summed(
     N = _moments(across, 2, horizontal, across.levers[2], -bias[2])
     tip = (K[0], *each(_tipped, Y[1:], Y[0], K[0], levers.roll_m))
 
-    keep = math.exp(-dt_s / MEMORY_S)
+    keep = math.exp(-dt_s / (MEMORY_S if state.suspect.clear == 1.0 else QUICK_S))
     off_centre = OFF_CENTRE_M * OFF_CENTRE_M * (X[0] * X[0] + Y[0] * Y[0])
     aside = math.sqrt(off_centre + EDDIES_NM * EDDIES_NM)
     yaw = _mean(state.across.first, N, y_yaw, slow_r, 0.0, aside, keep)
     tipped = _mean(state.across.second, tip, y_roll, slow_roll, 0.0, 0.0, keep)
     roll = _mean(state.upright.first, K, y_roll, slow_roll, Y[0], WATER_M * Y[0], keep)
     pitch = _mean(state.upright.second, M, y_pitch, slow_pitch, X[0], WATER_M * X[0], keep)
-    slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if state.dead == 0 else 0.0
+    sound = state.dead + state.reversed == 0
+    slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if sound else 0.0
     bias = (bias[0] + slowly * K[0], bias[1] + slowly * M[0], bias[2] + slowly * N[0])
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
     return bias, Shown(yaw, tipped, 1.0), Shown(roll, pitch, pitches)
@@ -325,55 +371,79 @@ def _products(before: Five, v: Five, other: float, keep: float) -> Five:
 
 def judged(
     state: State, across: Shown, upright: Shown, levers: Levers, dt_s: float
-) -> tuple[Suspect, int, float]:
-    """Suspect a motor, or doubt that the dead one pushes nothing; after HOLDS_S believe it."""
-    dead, excused_s = state.dead, max(state.excused_s - dt_s, 0.0)
-    motor = 0
-    if excused_s == 0.0 and dead == 0:
-        motor = _suspected(across, upright, levers)
+) -> tuple[Suspect, Fault, float]:
+    """Suspect a fault, or doubt the one that is believed; after HOLDS_S believe it."""
+    fault, excused_s = believed(state), max(state.excused_s - dt_s, 0.0)
+    suspected, clear = NO_FAULT, 1.0
+    if excused_s == 0.0 and fault.motor == 0:
+        suspected, clear = _suspected(across, upright, levers)
     elif excused_s == 0.0:
-        group = upright if dead > HORIZONTAL else across
-        motor = dead if _given_up(group, dead - HORIZONTAL if dead > HORIZONTAL else dead) else 0
-    same = motor > 0 and motor == state.suspect.motor
-    suspect = Suspect(motor, state.suspect.lasts_s + dt_s if same else 0.0)
-    if suspect.lasts_s >= HOLDS_S:
-        excused_s = EXCUSED_S if dead > 0 else 0.0
-        dead, suspect = 0 if dead > 0 else motor, NOBODY
-    return suspect, dead, excused_s
+        suspected = _doubted(upright if fault.motor > HORIZONTAL else across, fault)
+    same = suspected.motor > 0 and suspected == state.suspect.fault
+    suspect = Suspect(suspected, state.suspect.lasts_s + dt_s * clear if same else 0.0, clear)
+    if suspect.lasts_s < HOLDS_S:
+        return suspect, fault, excused_s
+    if suspected.share == 1.0:
+        return NOBODY, NO_FAULT, EXCUSED_S
+    return NOBODY, suspected, RIGHTED_S if suspected.share < 0.0 else 0.0
 
 
-def _suspected(across: Shown, upright: Shown, levers: Levers) -> int:
-    """Return which motor gives no thrust, 1 to 8; 0 for none.
+def _suspected(across: Shown, upright: Shown, levers: Levers) -> tuple[Fault, float]:
+    """Return which motor is at fault, if any, and how clearly.
 
-    A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like the loss of a
+    A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like a fault of a
     vertical motor: while more is left in yaw than in roll and pitch, none is suspected.
     """
-    motor = _of_group(across, 0.0, 0.0)
-    aside = left(across.first, 0)
-    turned_more = aside > LEAST_NM * LEAST_NM and aside > left_in(upright, 0, 0.0, 0.0)
-    if motor > 0 or _doubted(across.first) or turned_more:
-        return motor
-    motor = _of_group(upright, 0.0, 0.0)
-    same = motor > 0 and motor == _of_group(upright, levers.roll_doubt_m, levers.pitch_doubt_m)
-    return motor + HORIZONTAL if same else 0
+    fault, clear = _of_group(across, False, 0.0, 0.0)
+    aside = left(0, across.first, 1.0)
+    turned_more = aside > LEAST_NM * LEAST_NM and aside > left_in(0, upright, 1.0, 0.0, 0.0)
+    if fault.motor > 0 or _turns_alone(across.first) or turned_more:
+        return fault, min(clear, HORIZONTAL_CLEAR)
+    alone = upright.weight == 0.0
+    fault, clear = _of_group(upright, alone, 0.0, 0.0)
+    if fault.motor == 0 or fault != _of_group(upright, alone, levers.roll_doubt_m, levers.pitch_doubt_m)[0]:
+        return NO_FAULT, 1.0
+    return Fault(fault.motor + HORIZONTAL, fault.share), clear
 
 
-def _of_group(shown: Shown, first_z: float, second_z: float) -> int:
-    """Return which motor of a group gives no thrust, 1 to 4; 0 for none. z stays within ± the given."""
-    whole = left_in(shown, 0, first_z, second_z)
+def _of_group(shown: Shown, alone: bool, first_z: float, second_z: float) -> tuple[Fault, float]:
+    """Return which motor of a group, 1 to 4, is at fault, and how clearly. z stays within ± the given.
+
+    Two vertical motors are each `alone`: whichever way one pushes, its demand is only its own. There the roll
+    does not tell a reversed motor from a dead one, for which its demand does not matter: it is turned, and
+    what follows tells.
+    """
+    whole = left_in(0, shown, 1.0, first_z, second_z)
     if not whole > _least(shown):
-        return 0
+        return NO_FAULT, 1.0
+    lost, margin = each(left_in, MOTORS, shown, 0.0, first_z, second_z), CLEARLY * whole
+    half = each(left_in, MOTORS, shown, -0.5, first_z, second_z)
+    turned = each_of_two(_lesser, half, each(left_in, MOTORS, shown, -1.0, first_z, second_z))
+    motor, least, others = _best(each_of_two(_lesser, lost, turned), whole)
+    found = least < EXPLAINS * others
+    if found and (alone or turned[motor - 1] + margin < lost[motor - 1]):
+        return Fault(motor, -1.0), min(EXPLAINS * others / max(least, TINY), MOST_CLEAR)
+    dead, least, others = _best(lost, whole)
+    weak = left_in(dead, shown, 0.5, first_z, second_z) if dead > 0 else least
+    if least < min(EXPLAINS * others, weak, min(turned) + margin):
+        return Fault(dead, 0.0), 1.0 if least < EXPLAINS * min(turned) else UNCLEAR
+    return (Fault(motor, 0.5), 0.0) if found else (NO_FAULT, 1.0)
+
+
+def _lesser(one: float, other: float) -> float:
+    return min(one, other)
+
+
+def _best(by_motor: Four, whole: float) -> tuple[int, float, float]:
+    """Return the motor that leaves the least, or 0; how much; and what the next one leaves."""
     found, least, others = 0, whole, whole
     for motor in range(1, 5):
-        one = left_in(shown, motor, first_z, second_z)
+        one = by_motor[motor - 1]
         if one < least:
             found, least, others = motor, one, least
         elif one < others:
             others = one
-    if found == 0 or not least < EXPLAINS * others:
-        return 0
-    weak = _left_weak(shown.first, found, first_z) + shown.weight * _left_weak(shown.second, found, second_z)
-    return found if least < weak else 0
+    return found, least, others
 
 
 def _least(shown: Shown) -> float:
@@ -381,35 +451,41 @@ def _least(shown: Shown) -> float:
     return LEAST_NM * LEAST_NM + shown.first.oo + shown.second.oo
 
 
-def _doubted(sums: Sums) -> bool:
-    """Tell whether the loss of any motor explains a turn better than no loss."""
-    whole = left(sums, 0)
-    least = min(left(sums, 1), left(sums, 2), left(sums, 3), left(sums, 4))
+def _turns_alone(sums: Sums) -> bool:
+    """Tell whether a fault of any motor explains a turn better than none."""
+    whole = left(0, sums, 1.0)
+    least = min(*each(left, MOTORS, sums, 0.0), *each(left, MOTORS, sums, -1.0))
     return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
 
 
-def _given_up(shown: Shown, motor: int) -> bool:
-    """Tell whether it is no longer clear that a motor that was found dead pushes nothing."""
-    whole, lost = left_in(shown, 0, 0.0, 0.0), left_in(shown, motor, 0.0, 0.0)
-    return lost > _least(shown) and lost > DOUBTED * whole
+def _doubted(shown: Shown, fault: Fault) -> Fault:
+    """Return what the motor of a fault that is believed does instead; no fault where that is not clear."""
+    motor = fault.motor - HORIZONTAL if fault.motor > HORIZONTAL else fault.motor
+    other = -1.0 - fault.share
+    whole, found = left_in(0, shown, 1.0, 0.0, 0.0), left_in(motor, shown, fault.share, 0.0, 0.0)
+    if not found > _least(shown):
+        return NO_FAULT
+    if left_in(motor, shown, other, 0.0, 0.0) < EXPLAINS * min(found, whole):
+        return Fault(fault.motor, other)
+    sound = found > DOUBTED * whole if fault.share == 0.0 else whole < EXPLAINS * EXPLAINS * found
+    return Fault(fault.motor, 1.0) if sound else NO_FAULT
 
 
-def left_in(shown: Shown, hypothesis: int, first_z: float, second_z: float) -> float:
+def left_in(motor: int, shown: Shown, share: float, first_z: float, second_z: float) -> float:
     """Return what a hypothesis leaves in both axes."""
-    return left(shown.first, hypothesis, first_z) + shown.weight * left(shown.second, hypothesis, second_z)
+    second = left(motor, shown.second, share, second_z)
+    return left(motor, shown.first, share, first_z) + shown.weight * second
 
 
-def left(sums: Sums, hypothesis: int, most_z: float = 0.0) -> float:
-    """Return the mean square of y − c v + k s + z h for the c, k and z that make it least, within bounds."""
-    i = hypothesis
-    return _left(sums, sums.vv[i], sums.vy[i], sums.vs[i], sums.vh[i], most_z)
+def left(motor: int, sums: Sums, share: float, most_z: float = 0.0) -> float:
+    """Return the mean square of y − c v + k s + z h for the c, k and z that make it least, within bounds.
 
-
-def _left_weak(sums: Sums, motor: int, most_z: float) -> float:
-    """Return what `left` does, for a motor that keeps half of its push: v = u − b f/2."""
-    vv = 0.25 * (sums.vv[0] + 2.0 * sums.vu[motor] + sums.vv[motor])
-    vy, vs = 0.5 * (sums.vy[0] + sums.vy[motor]), 0.5 * (sums.vs[0] + sums.vs[motor])
-    return _left(sums, vv, vy, vs, 0.5 * (sums.vh[0] + sums.vh[motor]), most_z)
+    v = u − (1 − σ) b f is the mixture of u and of that without the motor.
+    """
+    i, lost = motor, 1.0 - share
+    vv = share * share * sums.vv[0] + 2.0 * share * lost * sums.vu[i] + lost * lost * sums.vv[i]
+    vy, vs = share * sums.vy[0] + lost * sums.vy[i], share * sums.vs[0] + lost * sums.vs[i]
+    return _left(sums, vv, vy, vs, share * sums.vh[0] + lost * sums.vh[i], most_z)
 
 
 def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float, most_z: float) -> float:

@@ -52,6 +52,7 @@ class Known(NamedTuple):
     tilt: Tilt
     model: VehicleModel
     dead_motor: int
+    reversed_motor: int
 
 
 class Demand(NamedTuple):
@@ -81,18 +82,22 @@ def start(parameters: Parameters) -> Memory:
 
 
 def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Memory, Known]:
-    """Bring the observers on to what was measured; go on without a motor that was found dead."""
+    """Bring the observers on to what was measured; go on as the motors were found."""
     observed, controlled, actuated, limits, watch, ticks = memory
     delay_s = inputs.telemetry_s + inputs.command_s + observed.hidden.hidden_s
     observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled, actuated))
-    known = known_of(inputs, motion, observed.learner.model, delay_s, watch.dead, parameters.observers.adapts)
-    if known.dead_motor != actuated.dead_motor:
-        actuated, lost = actuation.gone_on_without(
-            parameters.actuation, actuated, known.dead_motor, known.tilt
+    known = known_of(inputs, motion, observed.learner.model, delay_s, watch, parameters.observers.adapts)
+    if (watch.dead, watch.reversed) != (actuated.dead_motor, actuated.reversed_motor):
+        turned = watch.reversed + actuated.reversed_motor > 0
+        actuated, lost = actuation.gone_on_with(
+            parameters.actuation, actuated, watch.dead, watch.reversed, known.tilt
         )
         lost_ned = to_inertial(jacobian(known.ahead.eta[PSI]), lost)
         observed = observers.without_thrust(observed, lost_ned)
         controlled = controller.without_thrust(controlled, lost_ned)
+        if turned:  # the vehicle was driven away, quicker than means and swings tell: begin where it is
+            observed, eta, eta_dot = observers.undisturbed(observed), known.ahead.eta, known.ahead.eta_dot
+            controlled = controller.at_rest(parameters.control, eta, eta_dot, (0.0, 0.0, 0.0, 0.0))
     return Memory(observed, controlled, actuated, limits, watch, ticks), known
 
 
@@ -177,7 +182,12 @@ def feedback(memory: ControlMemory, actuated: ActuationMemory) -> Feedback:
 
 
 def known_of(
-    inputs: Inputs, motion: Motion, model: VehicleModel, delay_s: float, dead_motor: int, adapts: bool
+    inputs: Inputs,
+    motion: Motion,
+    model: VehicleModel,
+    delay_s: float,
+    watch: thruster_watch.State,
+    adapts: bool,
 ) -> Known:
     """Return what is known of the vehicle, and where a command finds it that is sent now."""
     roll, pitch, p, q, _ = inputs.attitude
@@ -206,7 +216,7 @@ def known_of(
         voltage_v=inputs.voltage_v,
         response=response,
     )
-    return Known(inputs, motion, ahead, tilt, model, dead_motor)
+    return Known(inputs, motion, ahead, tilt, model, watch.dead, watch.reversed)
 
 
 def levelling_gain(model: VehicleModel) -> float:
@@ -269,11 +279,11 @@ def watched(
     demand: Demand,
     applied: Axes,
 ) -> tuple[thruster_watch.State, int]:
-    """Look for a motor that gives no thrust, while the vehicle follows us."""
+    """Look for a motor that gives no thrust, or pushes the other way, while the vehicle follows us."""
     permission, inputs = demand.permission, demand.known.inputs
     if permission.trusts_thrusters:
         watch = thruster_watch.START
-    if permission.authority != 1.0 or inputs.stale[PSI]:
+    if not (permission.active and permission.authority > 0.0) or inputs.stale[PSI]:
         return thruster_watch.rest(watch), ticks
     ticks += 1
     if ticks % WATCH_TICKS == 0:

@@ -187,7 +187,13 @@ class Estimator:
         )
 
     def update(
-        self, inputs: Inputs, motion: Motion, model: VehicleModel, dead_motor: int, delivered: Vector = ZERO
+        self,
+        inputs: Inputs,
+        motion: Motion,
+        model: VehicleModel,
+        dead_motor: int = 0,
+        reversed_motor: int = 0,
+        delivered: Vector = ZERO,
     ) -> VehicleState:
         """Advance what finds ground, current and heading; return all that is known of the vehicle.
 
@@ -223,10 +229,13 @@ class Estimator:
             depth_offset_m=self.frame.sunk_m,
             stale=inputs.stale,
             dead_motor=dead_motor,
+            reversed_motor=reversed_motor,
             model=model,
             ground=self._find_ground(inputs, motion.eta[Z]),
             current=self._find_current(inputs, motion, model),
-            heading_check=self._check_heading(inputs, motion.eta[PSI], delivered, model, dead_motor == 0),
+            heading_check=self._check_heading(
+                inputs, motion.eta[PSI], delivered, model, dead_motor + reversed_motor == 0
+            ),
         )
 
     def _ages(self, now_s: float) -> Ages:

@@ -42,8 +42,9 @@ NOT_ON_EVERY_VEHICLE = frozenset(
 """Streams that a vehicle may lack; another row reports a missing one if it is needed."""
 FULL_CELL_SHARE = 1.08
 """A battery below this multiple of the low voltage gives a warning before a dive."""
-REVERSED, WEAK = -0.25, 0.35
-"""A motor's share, of the strongest in its group, below which it is reversed or gives too little."""
+REVERSED, WEAK = 0.0, 0.35
+"""A motor's share, of the strongest in its group, below which it is reversed or gives too little: of four
+motors one that is reversed shows -0.33, a dead one 0.2."""
 NO_ANSWER = 0.1
 """The strongest motor of a group has to answer with this share of what the configured vehicle would."""
 

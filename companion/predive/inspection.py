@@ -87,7 +87,7 @@ class Inspection:
         self._events = self._autopilot.receive(datagrams)
         observed, inputs = self._estimator.take(now_s, self._events, self._observed)
         self._observed, motion = observers.step(self._observers, observed, inputs)
-        self._seen = self._estimator.update(inputs, motion, self._observed.learner.model, 0)
+        self._seen = self._estimator.update(inputs, motion, self._observed.learner.model)
         self._survey.take(self._events)
         observation = Observation(
             state=self._seen,

@@ -220,6 +220,13 @@ class Condition(IntFlag):
         "drifts, turn it by 90°",
         "the others no longer do a motor's work",
     )
+    THRUSTER_REVERSED = (
+        "a motor pushes the other way",
+        "such as after work on it: it is used with its sign turned; event and `reversed_motor` give its "
+        "number. The autopilot does not know: its modes may turn the vehicle over",
+        "bring the vehicle up with Holdfast, not with the sticks; then change the sign of MOT_n_DIRECTION",
+        "the motors are taken to push the right way",
+    )
     TILTED = (
         "tilted too far",
         "more than max_tilt_deg from its held angle, or from level: only heave and levelling remain",
@@ -293,9 +300,9 @@ class Condition(IntFlag):
     )
     OFF_TRACK = (
         "too far from the setpoint",
-        "by more than max_error_m or max_error_deg for off_track_s; the 5 s after a motor was found dead "
-        "do not count",
-        "look for the cause: tether, current, a dead thruster",
+        "by more than max_error_m or max_error_deg for off_track_s; the 5 s after a motor was found dead or "
+        "reversed do not count",
+        "look for the cause: tether, current, a dead or reversed thruster",
         "near the setpoint again",
     )
     CLOCK_JUMPED = (

@@ -156,6 +156,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     stale: tuple[bool, bool, bool, bool] = (False, False, False, False)
     dead_motor: int = 0
     """Number of the motor that gives no thrust (`thruster_watch`); 0 for none."""
+    reversed_motor: int = 0
+    """Number of the motor that pushes the other way; 0 for none."""
     model: VehicleModel = NOMINAL
     ground: Ground = Ground(math.nan, 0.0)
     current: Current = Current(math.nan, math.nan, math.nan)

@@ -148,6 +148,7 @@ RULES: dict[Condition, Rule] = {
     C.THRUSTER_DEAD: Rule(
         lambda now, _: now.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
     ),
+    C.THRUSTER_REVERSED: Rule(lambda now, _: now.state.reversed_motor > 0, warns=True),
     C.TILTED: Rule(lambda now, limits: tilted(now.observed, limits), blocks=True, warns=True, freezes=True),
     C.TILT_PERSISTS: Rule(lambda now, limits: not now.watched.tilted_s <= limits.off_track_s),
     C.EKF_UNHEALTHY: Rule(_ekf_unhealthy, blocks=True),

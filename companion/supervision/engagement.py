@@ -46,12 +46,12 @@ class Engagement:
         """Return why a request is refused now, or by another verdict, and what to do; empty if accepted.
 
         ENGAGE is accepted where nothing is missing but what follows from it: the flight mode, and arming
-        where that is permitted. CLEAR_FAULT also makes a motor trusted again that was found dead.
+        where that is permitted. CLEAR_FAULT also makes a motor trusted again that was found dead or reversed.
         """
         verdict, details = judged or self._verdict, self._details
         state, held = verdict.state, verdict.conditions
-        dead_motor = held & (C.THRUSTER_DEAD | C.THRUSTER_MISSED)
-        if request is Request.CLEAR_FAULT and state is not State.FAULT and not dead_motor:
+        motor = held & (C.THRUSTER_DEAD | C.THRUSTER_MISSED | C.THRUSTER_REVERSED)
+        if request is Request.CLEAR_FAULT and state is not State.FAULT and not motor:
             return f"no fault is latched; the state is {state}"
         if request is Request.CLEAR_FAULT:
             held &= C.NON_FINITE

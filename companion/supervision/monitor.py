@@ -44,7 +44,7 @@ STEADY_S = 60.0
 RECOVERS_PER_S = 0.1
 """What a second with full authority takes off what was lost."""
 RECOVERS_S = 5.0
-"""After a motor was found dead: until then it turned the vehicle, by up to 90°, and now it is turned back."""
+"""After a motor was found dead or reversed: until then it turned the vehicle, and now that is turned back."""
 UNSATURATED_COUNTS = 0.5
 """In waves the thrust is cut off for a part of each one: a third of the time is not enough thrust."""
 DEPTH_HELD_M = 0.3
@@ -72,7 +72,7 @@ class Monitor:
         self._steering_since_s: float | None = None
         self._contact_s: float | None = None
         self._dropped = self._peer_changes = 0
-        self._dead_motor, self._without_since_s = 0, NEVER
+        self._bad_motor, self._found_since_s = 0, NEVER
         self._mean_innovation = [0.0] * 4
         self._other_since_s = self._other_t_s = NEVER
         self._other_first = False
@@ -156,9 +156,9 @@ class Monitor:
             for held, e, most in zip(observed.held, dofs.e, largest, strict=True):
                 off_track = off_track or (held and not abs(e) <= most)
             depth_held = observed.held[Z] and abs(dofs.e[Z]) <= DEPTH_HELD_M
-        if state.dead_motor != self._dead_motor:
-            self._dead_motor, self._without_since_s = state.dead_motor, state.t_s
-        recovers = state.t_s - self._without_since_s <= RECOVERS_S
+        if (bad_motor := state.dead_motor - state.reversed_motor) != self._bad_motor:
+            self._bad_motor, self._found_since_s = bad_motor, state.t_s
+        recovers = state.t_s - self._found_since_s <= RECOVERS_S
         doubtful = watched.ekf is not None and ekf_is_doubtful(watched.ekf, limits)
         low = voltage_is_low(state.voltage_v, limits)
         far = watched.tilted_s > 0.0 if paused else tilted(observed, limits) and not depth_held

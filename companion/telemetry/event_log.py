@@ -9,6 +9,7 @@ from companion.telemetry.commands import CommandResult
 from companion.telemetry.glossary import (
     DEAD_MOTOR,
     HOLD_HERE,
+    REVERSED_MOTOR,
     STATES,
     TRUSTED_MOTOR,
     UNSAID,
@@ -33,7 +34,7 @@ class EventLog:
         self._state: State | None = None
         self._reason = ""
         self._conditions = Condition(0)
-        self._dead_motor = 0
+        self._motors = (0, 0)
         self._guided = (0, "")
         self._pending = ""
         self._resets = 0
@@ -55,7 +56,7 @@ class EventLog:
         happened = chain(
             _told(sample, results, duplicate_instances, peer_changes),
             self._condition_changes(sample.verdict),
-            self._motor_changes(state.dead_motor),
+            self._motor_changes(state.dead_motor, state.reversed_motor),
             self._course_changes(sample),
             self._reset(sample),
             self._state_changes(sample),
@@ -83,11 +84,14 @@ class EventLog:
             for ends in before & ~now:
                 yield "info", "condition", ends.ended
 
-    def _motor_changes(self, dead_motor: int) -> Happened:
-        before, self._dead_motor = self._dead_motor, dead_motor
-        if dead_motor != before:
-            words = DEAD_MOTOR.format(dead_motor) if dead_motor else TRUSTED_MOTOR.format(before)
-            yield "warning" if dead_motor else "info", "condition", words
+    def _motor_changes(self, dead: int, turned: int) -> Happened:
+        before, self._motors = self._motors, (dead, turned)
+        if self._motors == before:
+            return
+        if dead or turned:
+            yield "warning", "condition", (DEAD_MOTOR if dead else REVERSED_MOTOR).format(dead or turned)
+        else:
+            yield "info", "condition", TRUSTED_MOTOR.format(max(before))
 
     def _course_changes(self, sample: ControlSample) -> Happened:
         guided = sample.guided

@@ -70,6 +70,7 @@ NO_DATA = "NO DATA"
 """In the place of a state, where nothing new comes from the companion."""
 PAST = "nothing new for {:.1f} s; this is the past"
 DEAD_MOTOR = "motor {} gives no thrust"
+REVERSED_MOTOR = "motor {0} pushes the other way: change the sign of MOT_{0}_DIRECTION"
 TRUSTED_MOTOR = "motor {} is trusted again"
 
 ELSEWHERE = "To release, use the joystick or the ground station."

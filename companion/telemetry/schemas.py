@@ -80,6 +80,7 @@ class State(Record, frozen=True, kw_only=True):
     voltage_v: Annotated[float, field("battery voltage")]
     pilot_gain: Annotated[float, field("ArduSub's live stick gain, 0..1")]
     dead_motor: Annotated[int, field("number of the motor that gives no thrust; 0 for none")]
+    reversed_motor: Annotated[int, field("number of the motor that pushes the other way; 0 for none")] = 0
     guidance: Annotated[str, field("hold, move, path, paused, waiting, refused", "guided.kind")] = ""
     path_number: Annotated[int, field("counts the paths and moves", "guided.number")] = 0
     path_progress_m: Annotated[float, field("along it, laps included", "guided.progress_m")] = 0.0

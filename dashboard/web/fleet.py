@@ -22,7 +22,10 @@ DIVING_M = 0.5
 """Time that is spent deeper than this is dive time."""
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
-SHOWN = ("dead_motor", "guidance", "path_progress_m", "path_length_m", "path_left_m", "path_left_s")
+SHOWN = (
+    *("dead_motor", "reversed_motor", "guidance"),
+    *("path_progress_m", "path_length_m", "path_left_m", "path_left_s"),
+)
 """Of State, what is no row."""
 
 _TRUTHS = 64  # over a second

@@ -8,7 +8,10 @@ from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import ENDED
 from companion.telemetry.modes import MODE_NAMES
 
-SHARED = ("DEAD_MOTOR", "ELSEWHERE", "LATE", "LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT")
+SHARED = (
+    *("DEAD_MOTOR", "REVERSED_MOTOR", "ELSEWHERE", "LATE"),
+    *("LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT"),
+)
 """Of the glossary, what the page says where the server cannot tell it."""
 
 

@@ -77,7 +77,7 @@ def each_motor(pwm: Sequence[int]) -> Eight:
 
 
 def static_thrust(thrusters: ThrusterBank, health: Eight, pwm: Eight, voltage_v: float) -> Eight:
-    """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is a dead thruster."""
+    """Steady thrust (N) at motor PWM (µs) and a voltage (V); `health` scales it: 0 is dead, -1 reversed."""
     return scaled(thrusters, health, _eight([curve(thrusters, us) for us in pwm]), voltage_v)
 
 

@@ -119,6 +119,14 @@ def test_reversed_motors_are_named(motors):
     assert "MOT_{}_DIRECTION and MOT_{}_DIRECTION".format(*motors) in found.fix
 
 
+@pytest.mark.parametrize("motor", [2, 6, 8])
+def test_a_reversed_motor_is_not_called_weak_in_waves(motor):
+    """Of motor 8 "gives too little thrust" was said: look for a broken propeller."""
+    sea = ("waves.enabled=true", f"parameters.MOT_{motor}_DIRECTION=-1")
+    found = VehicleInspection(DIVED, *sea, arm=True, thrusters=True).row("thrusters")
+    assert found.fix == f"MOT_{motor}_DIRECTION: change the sign"
+
+
 def test_the_six_thruster_frame():
     reversed_ = [f"parameters.MOT_{motor}_DIRECTION=-1" for motor in (2, 6)]
     frame = ('vehicle.frame="vectored"',)

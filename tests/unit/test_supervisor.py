@@ -71,6 +71,7 @@ BLOCKING = (
 ONLY_REPORTED = (
     C.POSITION_STALE,
     C.THRUSTER_DEAD,
+    C.THRUSTER_REVERSED,
     C.SATURATED,
     C.CLOCK_JUMPED,
     C.QUEUE_FULL,
@@ -395,6 +396,7 @@ SEEN = [
     (RESTING, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
     (structs.replace(RESTING, dead_motor=6), {}, C.THRUSTER_DEAD),
     (structs.replace(RESTING, dead_motor=6), {"misses_motor": True}, C.THRUSTER_MISSED),
+    (structs.replace(RESTING, reversed_motor=6), {}, C.THRUSTER_REVERSED),
     (RESTING, {"innovation_m": LIMITS.max_innovation_m + 0.001}, C.INNOVATION_LARGE),
     (RESTING, {"innovation_deg": LIMITS.max_innovation_deg + 0.01}, C.INNOVATION_LARGE),
     (RESTING, {"samples_dropped": True}, C.QUEUE_FULL),

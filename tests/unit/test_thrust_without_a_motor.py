@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from true_thrust import true_wrench
 
-from companion.core.allocation import allocate, can_lose, delivered, overloaded, thrusters, without_motor
+from companion.core.allocation import (
+    allocate,
+    can_lose,
+    delivered,
+    overloaded,
+    thrusters,
+    turned_motor,
+    without_motor,
+)
 
 FULL = (1.0,) * 6
 UNBOUNDED = (1e6,) * 6
@@ -37,6 +45,24 @@ def test_the_three_others_give_the_whole_wrench(dead):
         given = true_wrench("vectored_6dof", axes, dead=dead)
         given[4:] += LEVER_M * given[1], -LEVER_M * given[0]
         assert (np.abs(given - tau) <= [0.6, 0.6, 0.6, 0.1, 0.12, 0.12]).all()
+
+
+@pytest.mark.parametrize(
+    ("frame", "turned"), [("vectored_6dof", n) for n in range(1, 9)] + [("vectored", n) for n in range(1, 7)]
+)
+def test_a_motor_that_runs_the_other_way_round_gives_its_part(frame, turned):
+    """The vehicle within what whole µs leave: a second kind of wrong would not cancel out there."""
+    rng = np.random.default_rng(turned)
+    as_it_is = turned_motor(thrusters(frame, UNBOUNDED, True), turned)
+    served = [0, 1, 3] if turned <= 4 else [2, 4, 5] if frame == "vectored_6dof" else [2, 4]
+    for tau in rng.uniform(-1.0, 1.0, (50, 6)) * (7.0, 7.0, 15.0, 0.7, 0.7, 0.7):
+        axes, saturated = allocate(as_it_is, tuple(tau.tolist()), 16.0, FULL)
+        assert not any(saturated)
+        np.testing.assert_allclose(np.array(delivered(as_it_is, axes, 16.0))[served], tau[served], atol=0.15)
+        if frame == "vectored_6dof":
+            given = true_wrench(frame, axes, turned=turned)
+            given[4:] += LEVER_M * given[1], -LEVER_M * given[0]
+            assert (np.abs(given - tau) <= [0.8, 0.8, 0.8, 0.15, 0.16, 0.16]).all()
 
 
 @pytest.mark.parametrize("heave_n", [-200.0, 200.0])

@@ -20,7 +20,7 @@ class Body:
     """Roll, pitch and yaw of a vehicle that answers `gain` times as strongly, and is held by stiff springs.
 
     A motor that is dead keeps `keeps` of its push, and pushes `stuck_n` besides; `offset_m` is where a
-    payload hangs that heave carries.
+    payload hangs that heave carries. `motor_s` is when a motor was first accused.
     """
 
     def __init__(self, gain=1.0, offset_m=(0.0, 0.0), lag_s=0.08, keeps=0.0, stuck_n=0.0, levers=LEVERS):
@@ -53,7 +53,7 @@ class Body:
             self.watch = thruster_watch.step(
                 BELIEVED, self.watch, axes, 16.0, turning, self.levers, 0.0, DT_S
             )
-            if self.watch.dead and self.motor_s is None:
+            if self.watch.dead + self.watch.reversed > 0 and self.motor_s is None:
                 self.motor_s = self.t_s
         return self.watch.dead
 
@@ -65,6 +65,18 @@ def test_the_dead_motor_is_found(dead, gain):
     used = (4.0, 4.0, 16.0) if vertical else (12.0, 12.0, 6.0)
     assert body.run(10.0, amplitude=used) == 0
     assert body.run(20.0, dead, amplitude=used) == dead
+
+
+@pytest.mark.parametrize(
+    ("motor", "keeps"), [*((motor, -1.0) for motor in range(1, 9)), (5, -0.6), (8, -0.6)]
+)
+def test_the_reversed_motor_is_found_and_not_called_dead(motor, keeps):
+    body = Body(keeps=keeps)
+    used = (4.0, 4.0, 16.0) if motor > 4 else (12.0, 12.0, 6.0)
+    body.run(10.0, amplitude=used)
+    while body.motor_s is None and body.t_s < 20.0:
+        body.run(DT_S, motor, amplitude=used)
+    assert (body.watch.reversed, body.watch.dead) == (motor, 0)
 
 
 @pytest.mark.parametrize("motor", [5, 8])

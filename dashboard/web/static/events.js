@@ -59,9 +59,9 @@ export class Model {
       say(cells[2], finite(lag) ? (1e3 * lag).toFixed(0) : "–");
       say(cells[3], finite(lagFound) && finite(lagDoubt) ? `${(1e3 * lagFound).toFixed(0)} ± ${(1e3 * lagDoubt).toFixed(0)}` : "–");
     }
-    const dead = status?.dead_motor;
-    this.motor.hidden = !dead;
-    say(this.motor, dead ? sentence(WORDS.DEAD_MOTOR.replace("{}", dead)) : "");
+    const dead = status?.dead_motor, turned = status?.reversed_motor;
+    this.motor.hidden = !(dead || turned);
+    say(this.motor, this.motor.hidden ? "" : sentence(dead ? WORDS.DEAD_MOTOR.replace("{}", dead) : WORDS.REVERSED_MOTOR.replaceAll("{0}", turned)));
     this.reset.hidden = !this.commands?.open;
   }
 }
