@@ -4,6 +4,7 @@ A sample counts for the time at which it was true: the autopilot's stamp (or arr
 telemetry delay, where a message has none) minus the sensor's own delay.
 """
 
+import cmath
 import math
 from collections.abc import Sequence
 from operator import add
@@ -151,7 +152,9 @@ class Estimator:
         """
         if not all(map(observers.is_believable, [dof.state for dof in memory.dofs])):
             self.restart()
-        self._held, self.frame = held, self.frame.followed(self._tick_s, held=held)
+        drift = self._water.drift if self.frame.has_fixes(now_s) else 0j
+        drift *= cmath.exp(1j * self.frame.settled.turn_rad)
+        self._held, self.frame = held, self.frame.followed(self._tick_s, drift, held=held)
         self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
         self._begin()
         self._hidden_s = memory.hidden.hidden_s
@@ -256,7 +259,8 @@ class Estimator:
     def _find_current(self, inputs: Inputs, motion: Motion, model: VehicleModel) -> Current:
         stale, learns = inputs.stale, inputs.learns
         seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
-        return self._water.step(self._model, motion, model.dof_gain, self._tick_s, seen)
+        still = self.frame.velocity_inside(0.0, 0.0)
+        return self._water.step(self._model, motion, model.dof_gain, self._tick_s, seen, still)
 
     def _check_heading(
         self, inputs: Inputs, heading: float, delivered: Vector, model: VehicleModel, all_motors: bool
@@ -431,13 +435,16 @@ class Estimator:
         at_s = self._sampled(event, X)
         north_m = self._x_resets.step(event.boot_s, event.x_m, event.vx_mps)
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
-        if north_m or east_m:
-            if math.hypot(north_m, east_m) > POSITION_WARNED_M:
-                self._came_s["position_reset_s"] = event.t_s
+        if north_m or east_m:  # a fix moves both
+            north_m, east_m = north_m or self._x_resets.rest(), east_m or self._y_resets.rest()
             self._note_reset(north_m, east_m, 0.0, 0.0)
-            self.frame = self.frame.jumped(north_m, east_m, event.t_s, held=self._held)
+            faster = (self._x_resets.rate_change, self._y_resets.rate_change)
+            self.frame = self.frame.jumped(north_m, east_m, event.t_s, faster, held=self._held)
+            reset = self.frame.reset_t_s == event.t_s or not self.frame.has_fixes(event.t_s)
+            if reset and math.hypot(north_m, east_m) > POSITION_WARNED_M:
+                self._came_s["position_reset_s"] = event.t_s
         x, y, _, _ = self.frame.now.inside((event.x_m, event.y_m, 0.0, 0.0))
-        u, v, _, _ = self.frame.settled.inward((event.vx_mps, event.vy_mps, 0.0, 0.0))
+        u, v = self.frame.velocity_inside(event.vx_mps, event.vy_mps)
         self._position(X, x, event.t_s, at_s)
         self._position(Y, y, event.t_s, at_s)
         self._rates[X], self._rates[Y] = (u, at_s), (v, at_s)

@@ -72,6 +72,8 @@ class ResetDetector:
         self._angular = angular
         self._at_s = math.nan
         self._value = self._rate = self.unexplained = 0.0
+        self.rate_change = 0.0
+        """Of the last sample since the one before."""
 
     def extrapolated(self, at_s: float) -> float:
         """Return the signal's value at `at_s`, soon after its last sample; 0 before the first."""
@@ -81,22 +83,24 @@ class ResetDetector:
     def step(self, at_s: float, value: float, rate: float) -> float:
         """Take the sample that was true at `at_s` (autopilot's clock); return the reset it shows, or 0."""
         gap_s = at_s - self._at_s
-        moved, rate_change = value - self._value, rate - self._rate
+        moved, self.rate_change = value - self._value, rate - self._rate
         expected = 0.5 * gap_s * (rate + self._rate)
         self._at_s, self._value, self._rate = at_s, value, rate
         innovation = wrap(moved - expected) if self._angular else moved - expected
         if not 0.0 < gap_s <= MAX_GAP_S:
             self.unexplained = 0.0
-            most = self._blind + (abs(rate) + abs(rate_change)) * gap_s
+            most = self._blind + (abs(rate) + abs(self.rate_change)) * gap_s
             return innovation if 0.0 < gap_s <= BLIND_S and abs(innovation) > most else 0.0
-        uncertainty = 0.5 * abs(rate_change) * gap_s + 0.25 * self._max_acceleration * gap_s**2
+        uncertainty = 0.5 * abs(self.rate_change) * gap_s + 0.25 * self._max_acceleration * gap_s**2
         self.unexplained *= math.exp(-gap_s / MEMORY_S)
         if uncertainty < self.threshold or abs(innovation) > uncertainty:
             self.unexplained += innovation
-        if not abs(self.unexplained) > self.threshold + uncertainty:
-            return 0.0
-        reset, self.unexplained = self.unexplained, 0.0
-        return reset
+        return self.rest() if abs(self.unexplained) > self.threshold + uncertainty else 0.0
+
+    def rest(self) -> float:
+        """Return what the rates have not explained so far, and begin again."""
+        unexplained, self.unexplained = self.unexplained, 0.0
+        return unexplained
 
 
 def yaw_resets() -> ResetDetector:

@@ -31,6 +31,9 @@ TETHER_N = 2.0
 DAMPING_SHARE = 0.2
 """Share of the velocity through the water that is in doubt, because the damping is."""
 
+USUAL_S, DRIFT_MPS = 120.0, 0.1
+"""A current is steady over so long, and a velocity is wrong by this at most."""
+
 UNKNOWN = Current(math.nan, math.nan, math.nan)
 
 
@@ -48,12 +51,28 @@ class Water:
 
     def __init__(self) -> None:
         self._mean = _Mean()
+        self._usual = 0j
         self._seen_s = self._unseen_s = 0.0
 
-    def step(self, model: Model, motion: Motion, gain: Vector, dt_s: float, seen: bool) -> Current:
+    @property
+    def drift(self) -> complex:
+        """By how much the measured velocity is wrong if the current is the usual one, north + i east, m/s."""
+        more = complex(self._mean.north, self._mean.east) - self._usual
+        return more if abs(more) < DRIFT_MPS else DRIFT_MPS * more / abs(more)
+
+    def step(
+        self,
+        model: Model,
+        motion: Motion,
+        gain: Vector,
+        dt_s: float,
+        seen: bool,
+        still: tuple[float, float] = (0.0, 0.0),
+    ) -> Current:
         """Take a tick; `seen` tells that our commands alone push, and that x and y are measured.
 
-        `gain` is the force per command over inertia, by DOF in NED.
+        `gain` is the force per command over inertia, by DOF in NED; `still` is the velocity of what rests
+        in the EKF's frame, north and east.
         """
         if not seen or not dt_s > 0.0:
             self._unseen_s += dt_s
@@ -76,13 +95,15 @@ class Water:
         self._seen_s += dt_s
         share = min(1.0, dt_s / min(self._seen_s, MEAN_S))
         north, east, spread, old_doubt = self._mean
-        dn, de = eta_dot[0] - u - north, eta_dot[1] - v - east
+        dn, de = eta_dot[0] - still[0] - u - north, eta_dot[1] - still[1] - v - east
         self._mean = _Mean(
             north + share * dn,
             east + share * de,
             spread + share * (dn * dn + de * de - spread),
             old_doubt + share * (doubt - old_doubt),
         )
+        mean = complex(self._mean.north, self._mean.east)
+        self._usual += (mean - self._usual) * min(1.0, dt_s / min(self._seen_s, USUAL_S))
         return self._current()
 
     def _current(self) -> Current:

@@ -216,6 +216,34 @@ def test_fixes_are_followed_slowly_and_without_a_bump():
     assert dive.state is State.ACTIVE
 
 
+@pytest.mark.parametrize("period_s", [2.0, 10.0])
+def test_fixes_alone_keep_the_place_and_a_reset_among_them_moves_nothing(period_s):
+    """A USBL of 0.5 m without a DVL: each fix moves the EKF, and between fixes its velocity drifts."""
+    usbl = f"sensors.usbl={{enabled=true, sigma_m=0.5, period_s={period_s}, missed=0.0}}"
+    water = ("current.enabled=true", "current.speed_m_s=0.15")
+    dive = Dive(usbl, *water, "initial.eta=[0,0,3,0,0,0]", setpoint=hold(z=3.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.run(30.0)
+    place = dive.step.sample.state.eta[:2]
+    dive.engine.aim(hold(z=3.0, x=place[0], y=place[1]))
+    steps = dive.run(120.0)
+    assert dive.engine.asked[:2] == place
+    off_m = np.hypot(*(np.array([step.truth.eta[:2] for step in steps]) - place).T)
+    assert off_m.mean() < 1.0
+    assert off_m.max() < 2.5
+    assert not any(Condition.POSITION_RESET in step.sample.verdict.conditions for step in steps)
+    thrust = np.array([step.sample.delivered[:2] for step in steps])
+    assert np.abs(np.diff(thrust, axis=0)).max() < 10.0
+    dive.run(3.0)  # not at a fix
+    dive.fault("position_reset", value=7.0)
+    steps = dive.run(6.0)
+    assert dive.engine.asked[:2] == pytest.approx((place[0] + 7.0, place[1]), abs=1.0)
+    assert np.hypot(*(np.array(steps[-1].truth.eta[:2]) - place)) < 2.5
+    thrust = np.array([step.sample.delivered[:2] for step in steps])
+    assert np.abs(np.diff(thrust, axis=0)).max() < 10.0
+    assert any(Condition.POSITION_RESET in step.sample.verdict.warnings for step in steps)
+
+
 def test_while_the_compass_aligns_it_does_not_engage_and_says_wait():
     dive = Dive(*QUIET, engage=False)
     dive.run(3.0)

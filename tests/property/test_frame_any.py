@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.bounds import wrap
-from companion.estimation.frame import Frame
+from companion.estimation.frame import FIX_RATIO, RESET_M, Frame
 
 TICK_S = 0.02
 metres = st.floats(-50.0, 50.0)
@@ -45,7 +45,7 @@ def test_the_place_inside_is_the_same_before_and_after_each_reset(resets, places
             for_ekf = (for_ekf[0] + a, for_ekf[1] + b, *for_ekf[2:])
         near(frame.now.inside(for_ekf), (x, y, z, psi))
         owed = hypot(*frame.owed)
-        assert owed <= 1.0 if held else owed == 0.0
+        assert owed <= FIX_RATIO * RESET_M if held else owed == 0.0
 
 
 @given(resets, poses, poses, st.tuples(metres, metres, metres, metres))
