@@ -182,7 +182,7 @@ class PilotControl:
                 for action, bit in self._bits.items():
                     if (event.buttons if action is PilotAction.RELEASE else pressed) & bit:
                         asked_for.add(action)
-            elif isinstance(event, PilotCommand) and event.action is not None:
+            elif isinstance(event, PilotCommand):
                 asked_for.add(event.action)
             elif isinstance(event, PilotToggle):
                 toggled |= event.on

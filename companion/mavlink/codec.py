@@ -29,12 +29,22 @@ THRICE_S: Final = 1.0
 """Three answers to another's questions within this time are another Holdfast's; fewer may be by chance."""
 
 
-def commands_us(frame: WireFrame, link: LinkSection) -> bool:
-    """Tell whether a frame is a ground station's command to our component."""
-    if frame.id != mavlink.MAVLINK_MSG_ID_COMMAND_LONG or frame.system != link.system:
+ADDRESSED: Final = frozenset(
+    message_id
+    for message_id, kind in mavlink.mavlink_map.items()
+    if {"target_system", "target_component"} <= {*kind.fieldnames}
+    and not (message_id in STEERING or kind.msgname.endswith("_ACK") or kind.msgname in ("PING", "TIMESYNC"))
+)
+"""What asks one component for something; an answer is not answered."""
+
+
+def addresses_us(frame: WireFrame, link: LinkSection) -> bool:
+    """Tell whether a frame asks for something of our component alone."""
+    if frame.id not in ADDRESSED:
         return False
     message = frame.message()
-    return (message.target_system, message.target_component) == (link.vehicle_system, link.component)
+    systems = (link.vehicle_system, link.system)
+    return message.target_component == link.component and message.target_system in systems
 
 
 class Sent:
@@ -117,7 +127,7 @@ class Codec:
 
     Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
     each stretch of it counts once. Frames from others are foreign, except steering (docs/ardusub.md, "Who
-    may steer"), and COMMAND_LONG from a ground station with our system id to our component of the vehicle.
+    may steer"), and what asks something of our component: that stands in `addressed`.
 
     With `stream` an unfinished frame at the end waits for its rest (`frames.Splitter`). With `signing`, what
     is not signed with its key, or is replayed, is refused; without, none is looked at. `wanted` are the
@@ -144,6 +154,8 @@ class Codec:
         self.encode = Packer(*self._source, signing, self.sent).encode
         self.others: list[WireFrame] = []
         """What another Holdfast with our ids said, or was answered, in the last datagram."""
+        self.addressed: list[WireFrame] = []
+        """What it asks of our component."""
         self._signing = signing
         self._mark = clock_mark(*self._source)
         self._stream = stream
@@ -154,7 +166,7 @@ class Codec:
     def decode(self, t_s: float, data: bytes) -> list[Message]:
         """Give the vehicle's messages in `data`, which came at `t_s`. Never raises: see `counters`."""
         self.counters.datagrams += 1
-        self.others = []
+        self.others, self.addressed = [], []
         if not self._stream:
             self._in_junk = False
         messages: list[Message] = []
@@ -213,10 +225,14 @@ class Codec:
         """Append the frame's message if it is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target
-        other = not from_vehicle and sender != self._source
-        rival = other and (frame.id in STEERING or commands_us(frame, self._link))
-        if self._signing and (rival or from_vehicle) and not self._signing.accepts(piece):
+        rival = not from_vehicle and sender != self._source and frame.id in STEERING
+        addressed = not (from_vehicle or sender in self.ours) and addresses_us(frame, self._link)
+        if self._signing and (rival or from_vehicle or addressed) and not self._signing.accepts(piece):
             self._refuse(frame, piece)
+            return
+        if addressed:
+            self.counters.messages += 1
+            self.addressed.append(frame)
             return
         if from_vehicle and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self.heard.vehicle_signs = bool(piece[2] & SIGNED)

@@ -29,7 +29,7 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.freshness import MESSAGES
 from companion.mavlink.messages import CHUNK_CHARS, Message
-from companion.mavlink.pilot import override_deflection, pilot_commands
+from companion.mavlink.pilot import override_deflection
 from companion.records import Event, LinkCounters
 from companion.telemetry.schemas import printable
 
@@ -142,8 +142,7 @@ class Decoder:
             for message_id, kind in mavlink.mavlink_map.items()
             if (handler := getattr(self, f"_{kind.msgname.lower()}", None))
         }
-        self.ids = frozenset(self._handlers) - {mavlink.MAVLINK_MSG_ID_COMMAND_LONG}
-        """What is wanted of the vehicle; a command comes from a ground station."""
+        self.ids = frozenset(self._handlers)
 
     def to_events(self, message: Message, t_s: float) -> list[Event]:
         """Convert what came at `t_s`; empty for messages that we do not use. Never raises."""
@@ -324,9 +323,6 @@ class Decoder:
 
     def _rc_channels_override(self, m: Message, t_s: float) -> Iterator[Event]:
         yield records.PilotInput(t_s, override_deflection(m) or 0.0)
-
-    def _command_long(self, m: Message, t_s: float) -> Iterator[Event]:
-        yield from pilot_commands(m, t_s)
 
 
 def _battery(t_s: float, millivolts: int) -> Iterator[Event]:

@@ -4,9 +4,10 @@ Source: docs/ardusub.md, "MANUAL_CONTROL", "Modes and arming".
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, TypeAlias
 
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion import records
@@ -22,17 +23,38 @@ from companion.mavlink.ardusub import (
     from_stick,
 )
 from companion.mavlink.frames import WireFrame
-from companion.mavlink.messages import Message
+from companion.mavlink.messages import Message, message_name
 from companion.records import Angles, AxisCommand, Event, GlobalOrigin, PilotAction, Vector
 from companion.telemetry.degrees import metres
 
+COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 ACTIONS: Final = frozenset(map(float, PilotAction))
 
 
 def pilot_events(frame: WireFrame, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
     """Convert one of the pilot's frames, by EVENTS; `origin` is the EKF's. Never raises for any bytes."""
-    if frame.id in EVENTS:
-        yield from EVENTS[frame.id](frame.message(), t_s, origin)
+    for event in EVENTS[frame.id](frame.message(), t_s, origin) if frame.id in EVENTS else ():
+        if isinstance(event, records.Refused):
+            event = replace(event, words=f"{message_name(frame.id)}: {event.words}")
+        yield event
+
+
+def requests(frame: WireFrame, t_s: float, origin: GlobalOrigin | None, commander: int) -> Iterator[Event]:
+    """Convert what asks something of our component: what is not known, or not of `commander`, is refused."""
+    if frame.id in EVENTS and frame.system == commander:
+        yield from pilot_events(frame, t_s, origin)
+        return
+    message, name, denied = frame.message(), message_name(frame.id), frame.system != commander
+    mission = (frame.system, frame.component, getattr(message, "mission_type", 0))
+    yield records.Refused(
+        t_s,
+        f"{name} of system {frame.system}: {commander} commands (link.system)"
+        if denied
+        else f"{name}: Holdfast takes commands and targets alone",
+        command=message.command if frame.id in COMMANDS else None,
+        mission=mission if name.startswith("MISSION_") else None,
+        denied=denied,
+    )
 
 
 def _heartbeat(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
@@ -66,9 +88,12 @@ def pilot_sticks(m: Message, t_s: float) -> records.PilotSticks:
 
 
 def pilot_commands(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
-    """Convert a COMMAND_LONG to our component; empty for another command than MAV_CMD_USER_1."""
-    if m.command == mavlink.MAV_CMD_USER_1:
-        yield records.PilotCommand(t_s, PilotAction(int(m.param1)) if m.param1 in ACTIONS else None)
+    """Convert a COMMAND_LONG or COMMAND_INT to our component."""
+    if m.command == mavlink.MAV_CMD_USER_1 and m.param1 in ACTIONS:
+        yield records.PilotCommand(t_s, PilotAction(int(m.param1)))
+    else:
+        words = f"{m.command} with {m.param1:g} is not known: MAV_CMD_USER_1 with 1, 2 or 3 is"
+        yield records.Refused(t_s, words, command=m.command)
 
 
 def override_deflection(m: Message) -> float | None:
@@ -78,7 +103,7 @@ def override_deflection(m: Message) -> float | None:
     return min(1.0, max(offsets) / SPAN_US) if offsets else None
 
 
-POSITION, VELOCITY, ACCELERATION, DEPTH = 0b111, 0b111 << 3, 0b111 << 6, 1 << 2
+POSITION, VELOCITY, ACCELERATION, DEPTH_ALONE = 0b111, 0b111 << 3, 0b111 << 6, 0b011
 IGNORES_YAW, IGNORES_YAW_RATE, IS_FORCE = 1 << 10, 1 << 11, 1 << 9
 """Bits of POSITION_TARGET_TYPEMASK. As in ArduSub one of three leaves out all; a depth may stand alone."""
 
@@ -104,25 +129,33 @@ GLOBAL_FRAMES: Final = {
 
 
 def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
-    """Convert SET_POSITION_TARGET_LOCAL_NED; empty where it asks for what is not supported, or for nothing.
+    """Convert SET_POSITION_TARGET_LOCAL_NED; what asks for what is not supported, or for nothing, is refused.
 
     A force is not followed, and an acceleration only beside a velocity.
     """
     frame, mask = TARGET_FRAMES.get(m.coordinate_frame), m.type_mask
-    if frame is not None:
-        heading = math.nan if mask & IGNORES_YAW else m.yaw
-        rate = math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate
-        yield from _target(m, t_s, (m.x, m.y, m.z, heading), rate, frame)
+    if frame is None:
+        yield _other_frame(m, t_s, TARGET_FRAMES)
+        return
+    heading = math.nan if mask & IGNORES_YAW else m.yaw
+    rate = math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate
+    yield from _target(m, t_s, (m.x, m.y, m.z, heading), rate, frame)
 
 
 def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
-    """Convert SET_POSITION_TARGET_GLOBAL_INT, as above; empty for a place while no origin is known.
+    """Convert SET_POSITION_TARGET_GLOBAL_INT, as above; a place is refused while no origin is known.
 
     As in ArduSub its heading is not read, and a depth that stands alone is under the EKF's origin.
     """
     over_the_sea, places = GLOBAL_FRAMES.get(m.coordinate_frame), not m.type_mask & POSITION
-    if over_the_sea is None or (places and origin is None):
+    if over_the_sea is None:
+        yield _other_frame(m, t_s, GLOBAL_FRAMES)
         return
+    if places and origin is None:
+        yield records.Refused(t_s, "the EKF has no origin: set one")
+        return
+    if ~m.type_mask & (IGNORES_YAW | IGNORES_YAW_RATE):
+        yield records.Refused(t_s, "its heading is not followed")
     north_m, east_m, depth_m = math.nan, math.nan, -m.alt
     if places and origin is not None:
         north_m, east_m = metres((m.lat_int / 1e7, m.lon_int / 1e7), origin.place_deg)
@@ -133,31 +166,47 @@ def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterat
 def _target(
     m: Message, t_s: float, place: Vector, rate: float, frame: tuple[bool, bool, bool]
 ) -> Iterator[Event]:
-    """Give what the mask leaves of a target."""
+    """Give what the mask leaves of a target, and say what is left out of it."""
     x, y, z, heading = place
     mask, nan = m.type_mask, math.nan
     if mask & POSITION:
-        x, y, z = nan, nan, z if mask & POSITION == POSITION & ~DEPTH else nan
+        x, y, z = nan, nan, z if mask & POSITION == DEPTH_ALONE else nan
     u, v, w = (nan, nan, nan) if mask & VELOCITY else (m.vx, m.vy, m.vz)
     a, b, c = (nan, nan, nan) if mask & (VELOCITY | ACCELERATION) else (m.afx, m.afy, m.afz)
     places, speeds, accelerations = (x, y, z, heading), (u, v, w, rate), (a, b, c, nan)
     limits = (places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (accelerations, MAX_SPEED_MPS)
-    far = any(abs(value) > most for values, most in limits for value in values)
-    if not (far or mask & IS_FORCE or all(map(math.isnan, (*places, *speeds)))):
+    if any(abs(value) > most for values, most in limits for value in values):
+        yield records.Refused(t_s, "a number in it is too large")
+    elif all(map(math.isnan, (*places, *speeds))):
+        yield records.Refused(t_s, f"type_mask {mask} leaves nothing that can be followed")
+    elif mask & IS_FORCE:
+        yield records.Refused(t_s, "a force is not followed")
+    else:
         yield records.PositionTarget(t_s, places, speeds, accelerations, *frame)
+        parts = (POSITION, z), (VELOCITY, u), (ACCELERATION, a)
+        if any(bits & ~mask and math.isnan(one) for bits, one in parts):
+            yield records.Refused(t_s, f"type_mask {mask} has a part of three alone, which is left out")
+
+
+def _other_frame(m: Message, t_s: float, frames: Iterable[int]) -> Event:
+    known = ", ".join(map(str, frames))
+    return records.Refused(t_s, f"frame {m.coordinate_frame} is not supported: use {known}")
 
 
 def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:
-    """Convert SET_ATTITUDE_TARGET; empty where it says nothing. As in ArduSub half thrust keeps the depth."""
+    """Convert SET_ATTITUDE_TARGET, or refuse what says nothing. As in ArduSub half thrust keeps the depth."""
     angles, heading, climb = Angles(math.nan, math.nan), math.nan, 0.0
     w, x, y, z = m.q
     if not m.type_mask & IGNORES_ATTITUDE and 0.9 < w * w + x * x + y * y + z * z < 1.1:
         roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
         pitch = math.asin(clip(2.0 * (w * y - z * x)))
         angles, heading = Angles(roll, pitch), math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    if not m.type_mask & IGNORES_THRUST and math.isfinite(m.thrust):
+    climbs = not m.type_mask & IGNORES_THRUST and math.isfinite(m.thrust)
+    if climbs:
         climb = clip(2.0 * m.thrust - 1.0)
-    if not math.isnan(heading) or climb != 0.0:
+    if math.isnan(heading) and not (climbs and m.type_mask & IGNORES_ATTITUDE):
+        yield records.Refused(t_s, f"no quaternion of length 1 is in it (type_mask {m.type_mask})")
+    if climbs or not math.isnan(heading):
         yield records.AttitudeTarget(t_s, angles, heading, climb)
 
 
@@ -171,7 +220,7 @@ EVENTS: Final[dict[int, Converter]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: _sticks,
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: _override,
-    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: pilot_commands,
+    **dict.fromkeys(COMMANDS, pilot_commands),
     **TARGETS,
 }
 """What becomes of each message."""

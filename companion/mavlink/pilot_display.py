@@ -13,14 +13,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.messages import CHUNK_CHARS, Message, message_type
 from companion.records import (
+    AttitudeTarget,
     Condition,
     ControlSample,
     Event,
     PilotAction,
     PilotCommand,
     PilotHeartbeat,
+    PositionTarget,
+    Refused,
     State,
     Verdict,
+    X,
     Z,
 )
 from companion.telemetry import schemas
@@ -29,6 +33,7 @@ from companion.telemetry.glossary import ENDED, STATES, advised, on_engaging
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
 COMMAND_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
+MISSION_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_MISSION_ACK)
 
 SEVERITIES: Final = {
     "info": mavlink.MAV_SEVERITY_INFO,
@@ -43,6 +48,8 @@ REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
 """The same words come again after this long at the earliest, by kind of event."""
 AWAY_S: Final = 5.0
 """A ground station that was silent for so long is told the state again."""
+REFUSALS_S: Final = 1.0
+"""Between two texts of why something is not done."""
 VALUES_S: Final = 0.5  # ArduSub's own rate of NAMED_VALUE_FLOAT
 REMEDIES: Final = {condition.text: condition.remedy for condition in Condition}
 
@@ -114,6 +121,8 @@ class PilotDisplay:
         self._text_id = 0
         self._values_s = -math.inf
         self._heard_s = math.nan
+        self._refused_s, self._refusal = -math.inf, ""
+        """When a refusal was told last, and the newest that was not."""
 
     def step(
         self,
@@ -128,7 +137,13 @@ class PilotDisplay:
         thrust that is left.
         """
         now_s = sample.state.t_s
-        messages = [answer(report, sample) for report in reports if isinstance(report, PilotCommand)]
+        messages = [message for report in reports for message in answers(report, sample)]
+        self._refusal = next(
+            filter(None, (refusal(report, sample) for report in reports[::-1])), self._refusal
+        )
+        if self._refusal and now_s - self._refused_s >= REFUSALS_S:
+            self._put_command(f"refused: {self._refusal}", mavlink.MAV_SEVERITY_WARNING)
+            self._refused_s, self._refusal = now_s, ""
         if math.isnan(self._heard_s):
             self._heard_s = now_s  # the first tick: what it still waits for comes within seconds
             self._put_pending(sample)
@@ -161,8 +176,7 @@ class PilotDisplay:
             if event.kind == "state":
                 self._put_state(event.text, event.severity, verdict.remedy)
             elif event.kind == "command" and event.severity != "info":
-                severity = SEVERITIES[event.severity]
-                self._texts.put(_text("command", severity, "command", f": {event.text}"), again=True)
+                self._put_command(event.text, SEVERITIES[event.severity])
 
     def text(self, severity: int, words: str) -> list[Message]:
         """Return STATUSTEXTs, in chunks with a common id if the words are longer than one.
@@ -194,6 +208,9 @@ class PilotDisplay:
         text = _text("course" if course else "state", STATE_SEVERITIES[severity], "state", f" {words}", todo)
         self._texts.put(text, again=again or course)
 
+    def _put_command(self, words: str, severity: int) -> None:
+        self._texts.put(_text("command", severity, "command", f": {words}"), again=True)
+
     def _put_pending(self, sample: ControlSample) -> None:
         if words := on_engaging(sample.guided.pending):
             self._put_state(words, "info", "")
@@ -213,16 +230,42 @@ def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") 
     return Text(subject, severity, advised(f"Holdfast{words}", remedy), REPEAT_S[kind])
 
 
-def answer(command: PilotCommand, sample: ControlSample) -> Message:
-    """Return the answer to a command, to whoever sent it."""
-    result = mavlink.MAV_RESULT_ACCEPTED
-    if command.action is None:
-        result = mavlink.MAV_RESULT_UNSUPPORTED
-    elif (command.action is PilotAction.ENGAGE and sample.refused) or (
-        command.action is PilotAction.HOLD and not any(sample.dofs.engaged)
-    ):
-        result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-    return COMMAND_ACK(command=mavlink.MAV_CMD_USER_1, result=result)
+def answers(report: Event, sample: ControlSample) -> Iterator[Message]:
+    """Give MAVLink's own answer to a command, or to what belongs to a mission."""
+    if isinstance(report, PilotCommand):
+        engages, holds = report.action is PilotAction.ENGAGE, report.action is PilotAction.HOLD
+        rejected = (engages and sample.refused) or (holds and not any(sample.dofs.engaged))
+        result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED if rejected else mavlink.MAV_RESULT_ACCEPTED
+        yield COMMAND_ACK(command=mavlink.MAV_CMD_USER_1, result=result)
+    elif isinstance(report, Refused) and report.command is not None:
+        result = mavlink.MAV_RESULT_DENIED if report.denied else mavlink.MAV_RESULT_UNSUPPORTED
+        yield COMMAND_ACK(command=report.command, result=result)
+    elif isinstance(report, Refused) and report.mission is not None:
+        system, component, kind = report.mission
+        result = mavlink.MAV_MISSION_DENIED if report.denied else mavlink.MAV_MISSION_UNSUPPORTED
+        yield MISSION_ACK(target_system=system, target_component=component, type=result, mission_type=kind)
+
+
+def refusal(report: Event, sample: ControlSample) -> str:
+    """Return why a ground station's message is not done, or not all of it; empty if it is."""
+    verdict, engaged = sample.verdict, sample.dofs.engaged
+    match report:
+        case Refused():
+            return report.words
+        case PilotCommand(action=PilotAction.HOLD) if not any(engaged):
+            return "nothing is held: engage first"
+        case PositionTarget() | AttitudeTarget() if (
+            verdict.state is not State.ACTIVE or verdict.authority < 1.0
+        ):
+            return f"targets are followed while ACTIVE alone: {verdict.state}"
+        case PositionTarget() if not engaged[X] and _goes_sideways(report):
+            return "a place north and east needs a position, which does not come"
+    return ""
+
+
+def _goes_sideways(target: PositionTarget) -> bool:
+    placed = not all(map(math.isnan, target.place[:2]))
+    return placed or any(abs(rate_mps) > 0.0 for rate_mps in target.velocity[:2])
 
 
 def values(sample: ControlSample, reserve: float) -> list[Message]:

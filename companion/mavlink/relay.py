@@ -2,9 +2,10 @@
 
 While the engine steers, the pilot's steering does not reach the vehicle by itself: MANUAL_CONTROL and
 RC_CHANNELS_OVERRIDE overwrite each other in ArduSub, and two senders make phantom button presses. It goes to
-the engine, which sends one message for both. So do the messages that move the setpoint (`pilot.TARGETS`). A
-command to our own component never reaches the vehicle. Frames may be MAVLink 1 or 2, signed or not; they keep
-their signatures. Where there is a key the engine gets only what is signed with it: else anybody could steer.
+the engine, which sends one message for both. So do the messages that move the setpoint (`pilot.TARGETS`).
+What asks something of our own component never reaches the vehicle. Frames may be MAVLink 1 or 2, signed or
+not; they keep their signatures. Where there is a key the engine gets only what is signed with it: else
+anybody could steer.
 """
 
 from collections import deque
@@ -16,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import NS_PER_S
-from companion.mavlink.codec import commands_us
+from companion.mavlink.codec import addresses_us
 from companion.mavlink.frames import HEADERS_OF_BOTH, Splitter, WireFrame, leading_frames
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS
 from companion.mavlink.pilot import TARGETS, override_deflection
@@ -115,11 +116,12 @@ class Relay:
 
     def _withholds(self, t_ns: int, frame: WireFrame, data: bytes) -> bool:
         """Keep the pilot's heartbeat, steering and commands for the engine; tell if it alone gets it."""
-        steering, commands = self._is_steering(frame), commands_us(frame, self._link)
+        steering, addressed = self._is_steering(frame), addresses_us(frame, self._link)
         ours = (frame.system, frame.component) in self._ours
-        if (steering or commands or ours or self._is_beacon(frame)) and self._believed(frame, data):
+        heard = steering and (self.withhold or frame.id not in TARGETS)
+        if (heard or addressed or ours or self._is_beacon(frame)) and self._believed(frame, data):
             self._heard.append((t_ns, data))
-        return commands or (steering and self.withhold)
+        return addressed or (steering and self.withhold)
 
     def _is_beacon(self, frame: WireFrame) -> bool:
         return frame.id == HEARTBEAT and bool(frame.message().type == mavlink.MAV_TYPE_GCS)

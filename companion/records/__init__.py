@@ -56,6 +56,7 @@ from companion.records.events import (
     Range,
     Reboot,
     ReceiverChannels,
+    Refused,
     Sender,
     ServoOutput,
     StatusText,

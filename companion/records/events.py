@@ -176,9 +176,21 @@ class PilotAction(IntEnum):
 
 
 class PilotCommand(Event, frozen=True, gc=False):
-    """The ground station's MAV_CMD_USER_1 to our component; `action` is None where parameter 1 is none."""
+    """The ground station's MAV_CMD_USER_1 to our component."""
 
-    action: PilotAction | None
+    action: PilotAction
+
+
+class Refused(Event, frozen=True, gc=False):
+    """A message to us, or to a vehicle that we steer, that is not done, or not all of it: `words` say why."""
+
+    words: str
+    command: int | None = None
+    """MAV_CMD, where it is a command."""
+    mission: tuple[int, int, int] | None = None
+    """Who asks, system and component, and the mission's type, where it is the protocol of missions."""
+    denied: bool = False
+    """Whether another sender might be obeyed."""
 
 
 class PositionTarget(Event, frozen=True, gc=False):

@@ -120,25 +120,126 @@ def test_commands_of_the_ground_station_engage_hold_and_release():
     assert mavlink.MAVLINK_MSG_ID_COMMAND_LONG not in map(message_id, split(dive.cockpit.passed))
 
 
-FOR_OTHERS_OR_BY_OTHERS: list[dict[str, Any]] = [
+FOR_OTHERS: list[dict[str, Any]] = [
     {"target": (1, 1)},
     {"target": (2, 25)},
     {"target": (1, 24)},
     {"target": (0, 0)},
-    {"system": 254},
-    {"number": mavlink.MAV_CMD_USER_2},
+    {"target": (1, 0)},
 ]
 
 
 @pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
-def test_a_command_that_is_for_another_or_of_another_does_nothing(behind):
+def test_a_command_that_is_for_another_or_for_all_does_nothing(behind):
     dive = active(pilot=behind)
     shown, hands = Shown(dive), Hands(dive, behind)
     shown.run(0.1)
-    for other in FOR_OTHERS_OR_BY_OTHERS:
+    for other in FOR_OTHERS:
         hands.send(command(RELEASE, **other))
-        assert results(shown.run(0.4)) == [], other
+        assert {m.get_type() for m in shown.run(0.4)} <= {"NAMED_VALUE_FLOAT"}, other
         assert dive.state is State.ACTIVE, other
+
+
+UNSUPPORTED, DENIED = mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED
+NO_MISSIONS = mavlink.MAV_MISSION_UNSUPPORTED
+PILOT = Somebody(255, 190)
+UNKNOWN: list[tuple[bytes, list[tuple[str, int]], str]] = [
+    (command(RELEASE, system=254), [("COMMAND_ACK", DENIED)], "of system 254"),
+    (command(RELEASE, number=mavlink.MAV_CMD_USER_2), [("COMMAND_ACK", UNSUPPORTED)], "COMMAND_LONG: 31011 "),
+    (command(9), [("COMMAND_ACK", UNSUPPORTED)], "with 9 is not known"),
+    (command(1, number=mavlink.MAV_CMD_REQUEST_MESSAGE), [("COMMAND_ACK", UNSUPPORTED)], "COMMAND_LONG: 512"),
+    (
+        PILOT.frame(mavlink.MAVLink_command_int_message(1, 25, 0, 400, 0, 0, 1, 0, 0, 0, 0, 0, 0)),
+        [("COMMAND_ACK", UNSUPPORTED)],
+        "COMMAND_INT: 400",
+    ),
+    (PILOT.frame(mavlink.MAVLink_mission_count_message(1, 25, 3)), [("MISSION_ACK", NO_MISSIONS)], "MISSION"),
+    (PILOT.frame(mavlink.MAVLink_mission_request_list_message(255, 25)), [("MISSION_ACK", 3)], "MISSION"),
+    (PILOT.frame(mavlink.MAVLink_param_request_list_message(1, 25)), [], "PARAM_REQUEST_LIST: "),
+    (PILOT.frame(mavlink.MAVLink_param_set_message(1, 25, b"GAIN", 1.0, 9)), [], "PARAM_SET: "),
+    (PILOT.frame(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 25, [0] * 251)), [], "FILE_TRANSFER"),
+]
+
+
+@pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])
+def test_what_is_asked_of_us_in_a_form_that_is_not_known_is_refused_in_words(behind):
+    dive = active(pilot=behind)
+    shown, hands = Shown(dive), Hands(dive, behind)
+    for asked, acks, words in UNKNOWN:
+        shown.run(1.0)
+        hands.send(asked)
+        told = shown.run(0.4)
+        answers = [m for m in told if m.get_type() in ("COMMAND_ACK", "MISSION_ACK")]
+        assert [(m.get_type(), getattr(m, "result", getattr(m, "type", -1))) for m in answers] == acks, words
+        assert [words in text for _, text in joined(told)] == [True], words
+        assert dive.state is State.ACTIVE, words
+    assert not behind or all(asked not in dive.cockpit.passed for asked, *_ in UNKNOWN)
+
+
+def test_refusals_are_told_once_a_second_at_most_however_many_come():
+    dive = active(pilot=True)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    told: list[str] = []
+    for n in range(100):
+        hands.send(command(10 + n))
+        told += [text for _, text in joined(shown.run(0.04))]
+    assert 3 <= len(told) <= 5
+
+
+def test_a_ground_station_s_command_int_does_what_its_command_long_does():
+    dive = active(pilot=True)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    hands.send(
+        PILOT.frame(
+            mavlink.MAVLink_command_int_message(1, 25, 0, mavlink.MAV_CMD_USER_1, 0, 0, 2, 0, 0, 0, 0, 0, 0)
+        )
+    )
+    assert results(shown.run(1.0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert dive.state is not State.ACTIVE
+
+
+def target_of(place=(0.5, 0.0, 1.2), frame=1, mask=0xDF8, component=1, velocity=(0.0, 0.0, 0.0)):
+    return PILOT.frame(
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, component, frame, mask, *place, *velocity, *(0.0,) * 5
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (target_of(frame=3), "frame 3 is not supported"),
+        (target_of(mask=0xFFF), "type_mask 4095"),
+        (target_of(mask=0x3F8), "a force"),
+        (target_of(), "needs a position"),
+        (target_of(frame=9), "needs a position"),
+        (target_of(mask=0xDC7, velocity=(0.2, 0.0, 0.0)), "needs a position"),
+        (target_of(component=25), "needs a position"),
+    ],
+    ids=["frame", "nothing", "force", "place", "step", "velocity", "to our component"],
+)
+def test_a_target_that_is_not_followed_is_refused_in_words(asked, words):
+    """Without a position source."""
+    dive = active(pilot=True)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    shown.run(0.5)
+    hands.send(asked)
+    assert [words in text for _, text in shown.texts(1.0) if "refused" in text] == [True]
+
+
+def test_targets_that_are_followed_or_go_on_to_the_vehicle_are_not_answered():
+    dive = active(pilot=True)
+    shown, hands = Shown(dive), Hands(dive, behind=True)
+    hands.send(target_of(mask=0xDFB))
+    hands.send(target_of(mask=0xDC7, velocity=(0.0, 0.0, 0.1)))
+    assert shown.texts(1.0) == []
+    hands.send(command(RELEASE))
+    dive.tap.promises.asked_otherwise = True
+    shown.run(6.0)
+    for asked, answered in ((target_of(frame=3), False), (target_of(component=25), True)):
+        hands.send(asked)
+        assert any("refused" in text for _, text in shown.texts(1.0)) is answered
 
 
 @pytest.mark.parametrize("behind", [True, False], ids=["behind Holdfast", "with a link of its own"])

@@ -10,7 +10,7 @@ from companion.mavlink import messages
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
 from companion.mavlink.pilot import attitude_target, global_target, position_target
-from companion.records import AttitudeTarget, GlobalOrigin, PositionTarget, Sender
+from companion.records import AttitudeTarget, GlobalOrigin, PositionTarget, Refused, Sender
 
 VEHICLE = (1, 1)
 US = (255, 25)
@@ -125,7 +125,7 @@ def position_target_of(frame=1, mask=0x1F8, **numbers):
     message = mavlink.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, frame, mask, **{key: values[key] for key in keys}
     )
-    return next(position_target(message, 5.0), None)
+    return next(position_target(message, 5.0))
 
 
 def test_a_position_target_says_what_its_mask_leaves_in():
@@ -146,18 +146,18 @@ def test_a_position_target_says_what_its_mask_leaves_in():
         {"x": math.inf},
         {"x": 1e6},
         {"mask": 0x9F8, "x": math.nan, "y": math.nan, "z": math.nan, "yaw": math.nan},
+        {"x": 1.0, "y": 2.0, "z": 3.0, "mask": 0xDF9},
+        {"vx": 1.0, "mask": 0xDCF},
     ],
-    ids=["frame", "force", "nothing", "infinite", "far", "no number"],
+    ids=["frame", "force", "nothing", "infinite", "far", "no number", "a part of a place", "of a velocity"],
 )
-def test_a_position_target_that_cannot_be_followed_is_none(asked):
-    assert position_target_of(**asked) is None
+def test_a_position_target_that_cannot_be_followed_is_refused_in_words(asked):
+    assert isinstance(position_target_of(**asked), Refused)
 
 
 def test_one_of_three_leaves_out_all_three_as_in_ardusub():
     depth = position_target_of(x=1.0, y=2.0, z=3.0, mask=0xDFB)
     np.testing.assert_equal(depth.place, (math.nan, math.nan, 3.0, math.nan))
-    assert position_target_of(x=1.0, y=2.0, z=3.0, mask=0xDF9) is None
-    assert position_target_of(vx=1.0, mask=0xDCF) is None
     moving = position_target_of(x=1.0, vx=0.3, afx=0.1, mask=0xC00)
     assert moving.velocity[:3] == (0.3, 0.0, 0.0)
     assert moving.acceleration[:3] == (0.1, 0.0, 0.0)
@@ -189,8 +189,9 @@ def test_an_attitude_target_says_what_its_mask_leaves_in(mask, q, thrust, said):
         (0x47, (30.0, 0.0, 0.0, 0.0), 1.0),
     ],
 )
-def test_an_attitude_target_that_cannot_be_followed_is_none(mask, q, thrust):
-    assert next(attitude_target(attitude_message(mask, q, thrust), 5.0), None) is None
+def test_an_attitude_target_that_cannot_be_followed_is_refused(mask, q, thrust):
+    (refused,) = attitude_target(attitude_message(mask, q, thrust), 5.0)
+    assert isinstance(refused, Refused)
 
 
 def attitude_message(mask, q, thrust):
@@ -215,11 +216,29 @@ def test_a_global_target_is_a_place_from_the_ekfs_origin(frame, mask, alt, origi
     assert (found.offset, found.body, found.turns) == (False, False, False)
 
 
-def test_a_global_place_without_an_origin_in_another_frame_or_too_far_is_none():
+def test_a_global_place_without_an_origin_in_another_frame_or_too_far_is_refused():
     relative, local = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_FRAME_LOCAL_NED
     elsewhere = GlobalOrigin(0.0, -20.0, 8.55, 0.0)
     for frame, origin in ((relative, None), (local, ORIGIN), (relative, elsewhere)):
-        assert not list(global_target(global_message(frame, 0xDF8, -3.0), 5.0, origin))
+        (refused,) = global_target(global_message(frame, 0xDF8, -3.0), 5.0, origin)
+        assert isinstance(refused, Refused)
+
+
+LOCAL = mavlink.MAVLink_set_position_target_local_ned_message
+WITH_HEADING = mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 5, 0x9FB, 0, 0, -3, *(0,) * 8)
+
+
+@pytest.mark.parametrize(
+    ("target", "asked"),
+    [
+        (position_target, LOCAL(0, 1, 1, 1, 0xDD8, *(1.0,) * 11)),
+        (position_target, LOCAL(0, 1, 1, 1, 0xD38, *(1.0,) * 11)),
+        (global_target, WITH_HEADING),
+    ],
+    ids=["a part of a velocity", "an acceleration alone", "a heading beside a global place"],
+)
+def test_what_is_left_out_of_a_target_is_said(target, asked):
+    assert {type(event) for event in target(asked, 5.0, ORIGIN)} == {PositionTarget, Refused}
 
 
 def global_message(frame, mask, alt):
