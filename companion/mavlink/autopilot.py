@@ -1,21 +1,20 @@
 """The autopilot as the engine sees it: bytes in, events out; commands in, bytes out."""
 
-from collections.abc import Iterator, Sequence
-from itertools import chain
+from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config
 from companion.endpoint import Endpoint
 from companion.mavlink.ardusub import FRAMES, NS_PER_S, manual_control_reach, quantise, stick_demand
-from companion.mavlink.codec import STEERING, Codec, Packer, addresses_us
+from companion.mavlink.codec import STEERING, Codec, Packer
 from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands, clock_mark
-from companion.mavlink.frames import WireFrame, frame_at
+from companion.mavlink.frames import frame_at
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.link_maintenance import LinkMaintenance
 from companion.mavlink.messages import Message, message_name
-from companion.mavlink.pilot import pilot_events, requests
+from companion.mavlink.pilot import pilot_events
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import streams
 from companion.records import (
@@ -87,7 +86,8 @@ class Autopilot:
                 self._maintenance.heard(message.MESSAGE_ID)
                 events += self._decoder.to_events(message, t_s)
             events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
-            events += chain.from_iterable(self._asked(frame, t_s) for frame in self._codec.addressed)
+            for asked in self._codec.addressed:
+                events += pilot_events(asked, t_s, self.origin, self._link)
         others: list[Event] = []
         pilots: list[Event] = []
         for t_ns, data in ground:
@@ -95,16 +95,10 @@ class Autopilot:
             if frame is None:
                 continue
             if (frame.system, frame.component) not in self._codec.ours:
-                pilots += self._asked(frame, t_s)
+                pilots += pilot_events(frame, t_s, self.origin, self._link)
             elif self._codec.is_others(frame, data):
                 others.append(OtherHoldfast(t_s, frame.id in STEERING))
         return [*self._freshness.drop_stale(events), *others, *pilots]
-
-    def _asked(self, frame: WireFrame, t_s: float) -> Iterator[Event]:
-        """Convert a ground station's frame; what is for us, and is not done, is refused in words."""
-        if addresses_us(frame, self._link):
-            return requests(frame, t_s, self.origin, self._link.system)
-        return pilot_events(frame, t_s, self.origin)
 
     def upkeep(
         self,

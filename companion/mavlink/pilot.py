@@ -4,13 +4,14 @@ Source: docs/ardusub.md, "MANUAL_CONTROL", "Modes and arming".
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, TypeAlias
 
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion import records
+from companion.config import LinkSection
 from companion.mavlink.ardusub import (
     INT16_MAX,
     LEAVE_ALONE,
@@ -22,39 +23,45 @@ from companion.mavlink.ardusub import (
     clip,
     from_stick,
 )
+from companion.mavlink.codec import addresses_us
 from companion.mavlink.frames import WireFrame
-from companion.mavlink.messages import Message, message_name
+from companion.mavlink.messages import Message, message_name, message_type
 from companion.records import Angles, AxisCommand, Event, GlobalOrigin, PilotAction, Vector
 from companion.telemetry.degrees import metres
 
 COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
+COMMAND_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
+MISSION_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_MISSION_ACK)
 ACTIONS: Final = frozenset(map(float, PilotAction))
 
 
-def pilot_events(frame: WireFrame, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
-    """Convert one of the pilot's frames, by EVENTS; `origin` is the EKF's. Never raises for any bytes."""
-    for event in EVENTS[frame.id](frame.message(), t_s, origin) if frame.id in EVENTS else ():
-        if isinstance(event, records.Refused):
-            event = replace(event, words=f"{message_name(frame.id)}: {event.words}")
-        yield event
+def pilot_events(
+    frame: WireFrame, t_s: float, origin: GlobalOrigin | None, link: LinkSection
+) -> Iterator[Event]:
+    """Convert one of the pilot's frames, by EVENTS; `origin` is the EKF's. Never raises for any bytes.
+
+    What asks our component for something else, or is not of `link.system`, is refused.
+    """
+    if addresses_us(frame, link) and not (frame.id in EVENTS and frame.system == link.system):
+        yield _refused(frame, t_s, link.system)
+    elif frame.id in EVENTS:
+        for event in EVENTS[frame.id](frame.message(), t_s, origin):
+            if isinstance(event, records.Refused):
+                event = replace(event, words=f"{message_name(frame.id)}: {event.words}")
+            yield event
 
 
-def requests(frame: WireFrame, t_s: float, origin: GlobalOrigin | None, commander: int) -> Iterator[Event]:
-    """Convert what asks something of our component: what is not known, or not of `commander`, is refused."""
-    if frame.id in EVENTS and frame.system == commander:
-        yield from pilot_events(frame, t_s, origin)
-        return
-    message, name, denied = frame.message(), message_name(frame.id), frame.system != commander
-    mission = (frame.system, frame.component, getattr(message, "mission_type", 0))
-    yield records.Refused(
-        t_s,
-        f"{name} of system {frame.system}: {commander} commands (link.system)"
-        if denied
-        else f"{name}: Holdfast takes commands and targets alone",
-        command=message.command if frame.id in COMMANDS else None,
-        mission=mission if name.startswith("MISSION_") else None,
-        denied=denied,
-    )
+def _refused(frame: WireFrame, t_s: float, commander: int) -> Event:
+    message, name, answer = frame.message(), message_name(frame.id), None
+    words, result = "Holdfast takes commands and targets alone", mavlink.MAV_RESULT_UNSUPPORTED
+    if frame.system != commander:
+        words, result = f"system {commander} alone commands (link.system)", mavlink.MAV_RESULT_DENIED
+    if frame.id in COMMANDS:
+        answer = COMMAND_ACK(command=message.command, result=result)
+    elif name.startswith("MISSION_"):
+        to, kind = (frame.system, frame.component), getattr(message, "mission_type", 0)
+        answer = MISSION_ACK(*to, mavlink.MAV_MISSION_UNSUPPORTED, kind)
+    return records.Refused(t_s, f"{name}: {words}", answer)
 
 
 def _heartbeat(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
@@ -93,7 +100,8 @@ def pilot_commands(m: Message, t_s: float, origin: GlobalOrigin | None = None) -
         yield records.PilotCommand(t_s, PilotAction(int(m.param1)))
     else:
         words = f"{m.command} with {m.param1:g} is not known: MAV_CMD_USER_1 with 1, 2 or 3 is"
-        yield records.Refused(t_s, words, command=m.command)
+        answer = COMMAND_ACK(command=m.command, result=mavlink.MAV_RESULT_UNSUPPORTED)
+        yield records.Refused(t_s, words, answer)
 
 
 def override_deflection(m: Message) -> float | None:
@@ -133,13 +141,9 @@ def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) 
 
     A force is not followed, and an acceleration only beside a velocity.
     """
-    frame, mask = TARGET_FRAMES.get(m.coordinate_frame), m.type_mask
-    if frame is None:
-        yield _other_frame(m, t_s, TARGET_FRAMES)
-        return
-    heading = math.nan if mask & IGNORES_YAW else m.yaw
-    rate = math.nan if mask & IGNORES_YAW_RATE else m.yaw_rate
-    yield from _target(m, t_s, (m.x, m.y, m.z, heading), rate, frame)
+    heading = math.nan if m.type_mask & IGNORES_YAW else m.yaw
+    rate = math.nan if m.type_mask & IGNORES_YAW_RATE else m.yaw_rate
+    yield from _target(m, t_s, (m.x, m.y, m.z, heading), rate, TARGET_FRAMES.get(m.coordinate_frame))
 
 
 def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterator[Event]:
@@ -148,9 +152,6 @@ def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterat
     As in ArduSub its heading is not read, and a depth that stands alone is under the EKF's origin.
     """
     over_the_sea, places = GLOBAL_FRAMES.get(m.coordinate_frame), not m.type_mask & POSITION
-    if over_the_sea is None:
-        yield _other_frame(m, t_s, GLOBAL_FRAMES)
-        return
     if places and origin is None:
         yield records.Refused(t_s, "the EKF has no origin: set one")
         return
@@ -160,11 +161,17 @@ def global_target(m: Message, t_s: float, origin: GlobalOrigin | None) -> Iterat
     if places and origin is not None:
         north_m, east_m = metres((m.lat_int / 1e7, m.lon_int / 1e7), origin.place_deg)
         depth_m += origin.altitude_m if over_the_sea else 0.0
-    yield from _target(m, t_s, (north_m, east_m, depth_m, math.nan), math.nan, (False, False, False))
+    yield from _target(
+        m,
+        t_s,
+        (north_m, east_m, depth_m, math.nan),
+        math.nan,
+        None if over_the_sea is None else (False, False, False),
+    )
 
 
 def _target(
-    m: Message, t_s: float, place: Vector, rate: float, frame: tuple[bool, bool, bool]
+    m: Message, t_s: float, place: Vector, rate: float, frame: tuple[bool, bool, bool] | None
 ) -> Iterator[Event]:
     """Give what the mask leaves of a target, and say what is left out of it."""
     x, y, z, heading = place
@@ -175,7 +182,9 @@ def _target(
     a, b, c = (nan, nan, nan) if mask & (VELOCITY | ACCELERATION) else (m.afx, m.afy, m.afz)
     places, speeds, accelerations = (x, y, z, heading), (u, v, w, rate), (a, b, c, nan)
     limits = (places, MAX_DISTANCE_M), (speeds, MAX_SPEED_MPS), (accelerations, MAX_SPEED_MPS)
-    if any(abs(value) > most for values, most in limits for value in values):
+    if frame is None:
+        yield records.Refused(t_s, f"frame {m.coordinate_frame} is not supported")
+    elif any(abs(value) > most for values, most in limits for value in values):
         yield records.Refused(t_s, "a number in it is too large")
     elif all(map(math.isnan, (*places, *speeds))):
         yield records.Refused(t_s, f"type_mask {mask} leaves nothing that can be followed")
@@ -186,11 +195,6 @@ def _target(
         parts = (POSITION, z), (VELOCITY, u), (ACCELERATION, a)
         if any(bits & ~mask and math.isnan(one) for bits, one in parts):
             yield records.Refused(t_s, f"type_mask {mask} has a part of three alone, which is left out")
-
-
-def _other_frame(m: Message, t_s: float, frames: Iterable[int]) -> Event:
-    known = ", ".join(map(str, frames))
-    return records.Refused(t_s, f"frame {m.coordinate_frame} is not supported: use {known}")
 
 
 def attitude_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.messages import CHUNK_CHARS, Message, message_type
+from companion.mavlink.pilot import COMMAND_ACK
 from companion.records import (
     AttitudeTarget,
     Condition,
@@ -32,8 +33,6 @@ from companion.telemetry.glossary import ENDED, STATES, advised, on_engaging
 
 STATUSTEXT: Final = message_type(mavlink.MAVLINK_MSG_ID_STATUSTEXT)
 NAMED_VALUE_FLOAT: Final = message_type(mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT)
-COMMAND_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_COMMAND_ACK)
-MISSION_ACK: Final = message_type(mavlink.MAVLINK_MSG_ID_MISSION_ACK)
 
 SEVERITIES: Final = {
     "info": mavlink.MAV_SEVERITY_INFO,
@@ -138,9 +137,8 @@ class PilotDisplay:
         """
         now_s = sample.state.t_s
         messages = [message for report in reports for message in answers(report, sample)]
-        self._refusal = next(
-            filter(None, (refusal(report, sample) for report in reports[::-1])), self._refusal
-        )
+        for report in reports:
+            self._refusal = refusal(report, sample) or self._refusal
         if self._refusal and now_s - self._refused_s >= REFUSALS_S:
             self._put_command(f"refused: {self._refusal}", mavlink.MAV_SEVERITY_WARNING)
             self._refused_s, self._refusal = now_s, ""
@@ -231,41 +229,30 @@ def _text(subject: str, severity: int, kind: str, words: str, remedy: str = "") 
 
 
 def answers(report: Event, sample: ControlSample) -> Iterator[Message]:
-    """Give MAVLink's own answer to a command, or to what belongs to a mission."""
+    """Give MAVLink's own answer, where there is one."""
     if isinstance(report, PilotCommand):
         engages, holds = report.action is PilotAction.ENGAGE, report.action is PilotAction.HOLD
         rejected = (engages and sample.refused) or (holds and not any(sample.dofs.engaged))
         result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED if rejected else mavlink.MAV_RESULT_ACCEPTED
         yield COMMAND_ACK(command=mavlink.MAV_CMD_USER_1, result=result)
-    elif isinstance(report, Refused) and report.command is not None:
-        result = mavlink.MAV_RESULT_DENIED if report.denied else mavlink.MAV_RESULT_UNSUPPORTED
-        yield COMMAND_ACK(command=report.command, result=result)
-    elif isinstance(report, Refused) and report.mission is not None:
-        system, component, kind = report.mission
-        result = mavlink.MAV_MISSION_DENIED if report.denied else mavlink.MAV_MISSION_UNSUPPORTED
-        yield MISSION_ACK(target_system=system, target_component=component, type=result, mission_type=kind)
+    elif isinstance(report, Refused) and report.answer is not None:
+        yield report.answer
 
 
 def refusal(report: Event, sample: ControlSample) -> str:
     """Return why a ground station's message is not done, or not all of it; empty if it is."""
-    verdict, engaged = sample.verdict, sample.dofs.engaged
+    engaged, verdict = sample.dofs.engaged, sample.verdict
     match report:
         case Refused():
             return report.words
         case PilotCommand(action=PilotAction.HOLD) if not any(engaged):
             return "nothing is held: engage first"
-        case PositionTarget() | AttitudeTarget() if (
-            verdict.state is not State.ACTIVE or verdict.authority < 1.0
-        ):
-            return f"targets are followed while ACTIVE alone: {verdict.state}"
-        case PositionTarget() if not engaged[X] and _goes_sideways(report):
-            return "a place north and east needs a position, which does not come"
+        case PositionTarget() | AttitudeTarget() if verdict.authority < 1.0:
+            return f"targets are followed with full authority alone, not in {verdict.state}"
+        case PositionTarget(place=(x, y, *_), velocity=(u, v, *_)) if not engaged[X]:
+            sideways = not (math.isnan(x) and math.isnan(y)) or abs(u) > 0.0 or abs(v) > 0.0
+            return "a place north and east needs a position, which does not come" if sideways else ""
     return ""
-
-
-def _goes_sideways(target: PositionTarget) -> bool:
-    placed = not all(map(math.isnan, target.place[:2]))
-    return placed or any(abs(rate_mps) > 0.0 for rate_mps in target.velocity[:2])
 
 
 def values(sample: ControlSample, reserve: float) -> list[Message]:

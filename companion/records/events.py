@@ -1,6 +1,7 @@
 """What the MAVLink links give: events from the vehicle and from the pilot, and what became of the bytes."""
 
 from enum import Enum, IntEnum, auto
+from typing import Any
 
 import msgspec
 
@@ -185,12 +186,8 @@ class Refused(Event, frozen=True, gc=False):
     """A message to us, or to a vehicle that we steer, that is not done, or not all of it: `words` say why."""
 
     words: str
-    command: int | None = None
-    """MAV_CMD, where it is a command."""
-    mission: tuple[int, int, int] | None = None
-    """Who asks, system and component, and the mission's type, where it is the protocol of missions."""
-    denied: bool = False
-    """Whether another sender might be obeyed."""
+    answer: Any = None
+    """MAVLink's own answer, where there is one."""
 
 
 class PositionTarget(Event, frozen=True, gc=False):

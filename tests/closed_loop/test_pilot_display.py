@@ -144,7 +144,7 @@ UNSUPPORTED, DENIED = mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_DENIED
 NO_MISSIONS = mavlink.MAV_MISSION_UNSUPPORTED
 PILOT = Somebody(255, 190)
 UNKNOWN: list[tuple[bytes, list[tuple[str, int]], str]] = [
-    (command(RELEASE, system=254), [("COMMAND_ACK", DENIED)], "of system 254"),
+    (command(RELEASE, system=254), [("COMMAND_ACK", DENIED)], "system 255 alone"),
     (command(RELEASE, number=mavlink.MAV_CMD_USER_2), [("COMMAND_ACK", UNSUPPORTED)], "COMMAND_LONG: 31011 "),
     (command(9), [("COMMAND_ACK", UNSUPPORTED)], "with 9 is not known"),
     (command(1, number=mavlink.MAV_CMD_REQUEST_MESSAGE), [("COMMAND_ACK", UNSUPPORTED)], "COMMAND_LONG: 512"),
