@@ -27,6 +27,7 @@ from companion.estimation.observer_design import noise_of
 from companion.estimation.resets import (
     POSITION_WARNED_M,
     DepthResets,
+    Spikes,
     position_resets,
     yaw_resets,
 )
@@ -124,7 +125,7 @@ class Estimator:
         self._water = Water()
         self._heading_watch = HeadingWatch()
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
-        self._depth_resets = DepthResets()
+        self._depth_resets, self._depth_spikes = DepthResets(), Spikes()
         self._begins_depth = False
         self._depth_answers, self._attitude_answers = DepthAnswers(), AttitudeAnswers()
         self._depth_doubt = self._attitude_doubt = ""
@@ -382,6 +383,11 @@ class Estimator:
 
     def _on_depth(self, event: events.Depth) -> None:
         at_s = self._sampled(event, Z)
+        surprise_m = event.z_m - self.frame.sunk_m - self._expected_depth_m
+        known = self._heartbeat.armed and event.t_s - self._measured_t_s[Z] <= self._believed_s
+        if self._depth_spikes.leave_out(event.t_s, far=known and abs(surprise_m) > self.max_depth_jump_m):
+            return
+        self._depth_refused |= self._depth_spikes.over
         believed_s, self._depth_doubt = self._depth_answers.position(event.t_s, event.z_m)
         if self._depth_doubt:
             self._measured_t_s[Z] = min(self._measured_t_s[Z], believed_s)
@@ -389,7 +395,6 @@ class Estimator:
         if event.boot_s is not None:
             climbs = event.t_s - self._sink_t_s <= MAX_GAP_S
             sink_mps = self._sink_mps if climbs else self._expected_sink_mps
-            surprise_m = event.z_m - self.frame.sunk_m - self._expected_depth_m
             self._note_depth_reset(
                 event.t_s,
                 self._depth_resets.step(event.boot_s, event.z_m, sink_mps, surprise_m, climbs=climbs),
@@ -398,18 +403,18 @@ class Estimator:
         if self._begins_depth:
             self._begins[Z] = self._expected_depth_m = z_m
             self._begins_depth = False
-        innovation_m = abs(z_m - self._expected_depth_m)
-        known_s = event.t_s - self._measured_t_s[Z]
-        jumped = innovation_m > self.max_depth_jump_m and known_s <= self._believed_s
-        if jumped and self._heartbeat.armed:
+        if known and abs(z_m - self._expected_depth_m) > self.max_depth_jump_m:
             self._depth_refused = True
             return
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: events.Pressure) -> None:
-        self._depth_answers.pressure(event.t_s, event.z_m)
         later_s = max(RAW_LATER_S - self._depths.later_s, 0.0)
         reset_m = self._depth_resets.pressed(event.boot_s - later_s, event.z_m)
+        spikes = self._depth_resets.spikes
+        if not spikes.doubtful:
+            self._depth_answers.pressure(event.t_s, event.z_m)
+        self._depth_refused |= spikes.over
         self._note_depth_reset(event.t_s, reset_m)
         self._begins_depth = self._depth_resets.late
 

@@ -51,6 +51,10 @@ PRESSURE_LASTS_S = 1.2
 JUDGED_AFTER_S = 0.15
 """A pressure that was true so long after a reset of depth shows whether the vehicle moved."""
 
+SPIKE_M, SPIKE_S = 0.5, 0.2
+"""A pressure so far from the depth, or a depth that jumped, is a spike unless it lasts longer than two
+readings of a barometer, each of which may come in many messages."""
+
 MOST_IN_A_ROW = 8
 """Without a pressure more jumps than that, with less than MEMORY_S between them, are a wrong climb rate."""
 
@@ -103,6 +107,28 @@ class ResetDetector:
         return unexplained
 
 
+class Spikes:
+    """Leaves out what is far from where it should be, until it has been so for SPIKE_S."""
+
+    def __init__(self) -> None:
+        self._since_s = math.inf
+        self.over = False
+        """Whether the last sample came after a spike."""
+
+    def leave_out(self, at_s: float, *, far: bool) -> bool:
+        """Take when a sample was true and whether it is far; tell whether to leave it out."""
+        self.over = not far and math.isfinite(self._since_s)
+        self._since_s = min(self._since_s, at_s) if far else math.inf
+        if at_s - self._since_s >= SPIKE_S:
+            self._since_s = -math.inf
+        return self.doubtful
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the last sample was left out."""
+        return math.isfinite(self._since_s)
+
+
 def yaw_resets() -> ResetDetector:
     """Return the detector for yaw (rad) and its rate."""
     return ResetDetector(YAW_RESET_RAD, MAX_YAW_ACCELERATION, BLIND_YAW_RAD, angular=True)
@@ -131,6 +157,8 @@ class DepthResets:
         """Whether the last pressure has shown a reset that was taken for a motion until then."""
         self._doubtful: list[tuple[float, float]] = []
         """Resets that no pressure has judged: when, and m."""
+        self.spikes = Spikes()
+        """Of the pressure."""
         self._pressure_s = -math.inf
         self._usual_m = math.nan
         """Of depth minus the pressure's."""
@@ -171,6 +199,8 @@ class DepthResets:
         if math.isnan(self._usual_m):
             self._usual_m = difference_m
         surprise_m = difference_m - self._usual_m
+        if self.spikes.leave_out(at_s, far=not self._doubtful and abs(surprise_m) > SPIKE_M):
+            return 0.0
         if self._doubtful:
             if at_s - self._doubtful[0][0] < JUDGED_AFTER_S:
                 return 0.0

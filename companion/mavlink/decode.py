@@ -137,6 +137,7 @@ class Decoder:
         self._clock = BootClock()
         self._texts = _TextAssembler()
         self._last_pressure = (-math.inf, math.nan)
+        self._battery = UINT16_MAX
         self._handlers: dict[int, Callable[[Message, float], Iterable[Event]]] = {
             message_id: handler
             for message_id, kind in mavlink.mavlink_map.items()
@@ -253,15 +254,22 @@ class Decoder:
         yield records.TimeSync(t_s, sent_s, self._clock.from_ns(m.tc1))
 
     def _battery_status(self, m: Message, t_s: float) -> Iterator[Event]:
-        """Sum the cells of the first battery; without cell sensing the first cell carries it all."""
-        if m.id == 0:
-            yield from _battery(t_s, sum(mv for mv in (*m.voltages, *m.voltages_ext) if mv != UINT16_MAX))
+        """Sum the cells; without cell sensing the first cell carries it all."""
+        millivolts = sum(mv for mv in (*m.voltages, *m.voltages_ext) if mv != UINT16_MAX)
+        yield from self._voltage(t_s, m.id, millivolts)
 
     def _sys_status(self, m: Message, t_s: float) -> Iterator[Event]:
         if m.onboard_control_sensors_present & DEPTH_SENSOR:
             yield records.DepthSensor(t_s, bool(m.onboard_control_sensors_health & DEPTH_SENSOR))
         if m.voltage_battery != UINT16_MAX:
-            yield from _battery(t_s, m.voltage_battery)
+            yield from self._voltage(t_s, 0, m.voltage_battery)
+
+    def _voltage(self, t_s: float, battery: int, millivolts: int) -> Iterator[Event]:
+        """Give the voltage of the first battery that has one."""
+        _refuse_beyond(MAX_VOLTAGE_V, millivolts / 1e3)
+        if millivolts and battery <= self._battery:
+            self._battery = battery
+            yield records.Battery(t_s, millivolts / 1e3)
 
     def _ekf_status_report(self, m: Message, t_s: float) -> Iterator[Event]:
         variances = m.velocity_variance, m.pos_vert_variance, m.compass_variance
@@ -323,13 +331,6 @@ class Decoder:
 
     def _rc_channels_override(self, m: Message, t_s: float) -> Iterator[Event]:
         yield records.PilotInput(t_s, override_deflection(m) or 0.0)
-
-
-def _battery(t_s: float, millivolts: int) -> Iterator[Event]:
-    """Give the voltage, if one is measured."""
-    _refuse_beyond(MAX_VOLTAGE_V, millivolts / 1e3)
-    if millivolts:
-        yield records.Battery(t_s, millivolts / 1e3)
 
 
 class _TextAssembler:

@@ -7,7 +7,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.ardusub import DIRECTIONS, FUNCTIONS, QUALITY_PARAMETER
+from companion.mavlink.ardusub import DIRECTIONS, FUNCTIONS, PRESSURES, QUALITY_PARAMETER
 from companion.mavlink.encode import Commands
 from companion.mavlink.messages import Message
 from companion.mavlink.streams import StreamRates
@@ -30,6 +30,8 @@ COMMAND_S: Final = 1.0  # the heartbeat confirms once a second
 RENAMED: Final = {"SYSID_MYGCS": "MAV_GCS_SYSID"}
 """Names before ArduSub 4.7 and since: either answer will do, and is known by the new name."""
 
+GROUND_PRESSURES: Final = tuple(f"BARO{number}_GND_PRESS" for number in range(1, len(PRESSURES) + 1))
+
 PARAMETERS: Final = (
     "FS_PILOT_INPUT",
     "FS_PILOT_TIMEOUT",
@@ -44,13 +46,12 @@ PARAMETERS: Final = (
     *FUNCTIONS,
     "BARO_PRIMARY",
     "BARO_SPEC_GRAV",
-    "BARO1_GND_PRESS",
-    "BARO2_GND_PRESS",
+    *GROUND_PRESSURES,
     "STAT_BOOTCNT",
     *RENAMED.keys(),
 )
 
-ZEROES: Final = frozenset({"BARO1_GND_PRESS", "BARO2_GND_PRESS"})
+ZEROES: Final = frozenset(GROUND_PRESSURES)
 """The autopilot sets these again at the surface and on arming, without a message."""
 
 VOLATILE: Final = ZEROES | {"FS_PILOT_INPUT", "FS_PILOT_TIMEOUT", "JS_THR_GAIN"}

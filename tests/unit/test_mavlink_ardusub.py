@@ -177,7 +177,7 @@ class TestSignsAndScales:
             (battery([4000] * 4), [Battery(T, 16.0)]),
             (battery([]), []),
             (battery([0]), []),
-            (battery([5000], key=1), []),
+            (battery([5000], key=1), [Battery(T, 5.0)]),
             (sys_status(15500), [Battery(T, 15.5)]),
             (sys_status(65535), []),
             (sys_status(0), []),
@@ -413,6 +413,14 @@ def test_a_leak_is_told_from_other_texts(decoder, text, leak):
     events = convert(decoder, mavlink.MAVLink_statustext_message(2, text.encode(), 0, 0))
     assert events[0] == StatusText(T, 2, text)
     assert (Leak(T) in events) == leak
+
+
+def test_the_battery_is_the_first_that_has_a_voltage(decoder):
+    """Of an autopilot whose first battery monitor is off, the second; of two, the first from then on."""
+    told = [battery([0], key=0), battery([15000], key=2), sys_status(0), battery([15100], key=2)]
+    told += [battery([16000], key=0), battery([15200], key=2), sys_status(16100)]
+    volts = [event.voltage_v for message in told for event in convert(decoder, message)]
+    assert volts == [15.0, 15.1, 16.0, 16.1]
 
 
 @pytest.mark.parametrize(

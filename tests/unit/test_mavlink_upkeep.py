@@ -167,11 +167,11 @@ def test_the_surface_pressure_is_read_again_and_at_once_after_arming(dive):
     dive.sent.clear()
     dive.run(25.0)
     assert set(dive.names()) == VOLATILE
-    assert {"BARO1_GND_PRESS", "BARO2_GND_PRESS"} <= VOLATILE
+    assert {"BARO1_GND_PRESS", "BARO2_GND_PRESS", "BARO3_GND_PRESS"} <= VOLATILE
     dive.step(*(Parameter(dive.now_s, name, 1.0) for name in VOLATILE))
     dive.sent.clear()
     dive.run(0.4, answer={"armed": True})
-    assert sorted(dive.names()) == ["BARO1_GND_PRESS", "BARO2_GND_PRESS"]
+    assert sorted(dive.names()) == ["BARO1_GND_PRESS", "BARO2_GND_PRESS", "BARO3_GND_PRESS"]
 
 
 def test_one_name_of_a_renamed_parameter_will_do(dive):
