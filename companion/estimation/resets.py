@@ -51,9 +51,9 @@ PRESSURE_LASTS_S = 1.2
 JUDGED_AFTER_S = 0.15
 """A pressure that was true so long after a reset of depth shows whether the vehicle moved."""
 
-SPIKE_M, SPIKE_S = 0.5, 0.2
-"""A pressure so far from the depth, or a depth that jumped, is a spike unless it lasts longer than two
-readings of a barometer, each of which may come in many messages."""
+SPIKE_M, SPIKE_S = 0.5, 0.11
+"""A pressure that jumped so far, and away from the depth, or a depth that jumped, is a spike unless it lasts
+longer than a barometer's reading, which may come in many messages."""
 
 MOST_IN_A_ROW = 8
 """Without a pressure more jumps than that, with less than MEMORY_S between them, are a wrong climb rate."""
@@ -159,7 +159,7 @@ class DepthResets:
         """Resets that no pressure has judged: when, and m."""
         self.spikes = Spikes()
         """Of the pressure."""
-        self._pressure_s = -math.inf
+        self._pressure_s, self._pressed_m = -math.inf, math.nan
         self._usual_m = math.nan
         """Of depth minus the pressure's."""
         self._peak_m = self._wander_m = 0.0
@@ -199,8 +199,10 @@ class DepthResets:
         if math.isnan(self._usual_m):
             self._usual_m = difference_m
         surprise_m = difference_m - self._usual_m
-        if self.spikes.leave_out(at_s, far=not self._doubtful and abs(surprise_m) > SPIKE_M):
+        jumped = abs(surprise_m) > SPIKE_M and abs(depth_m - self._pressed_m) > SPIKE_M
+        if self.spikes.leave_out(at_s, far=jumped and not self._doubtful):
             return 0.0
+        self._pressed_m = depth_m
         if self._doubtful:
             if at_s - self._doubtful[0][0] < JUDGED_AFTER_S:
                 return 0.0

@@ -381,7 +381,7 @@ def test_after_it_depths_are_below_the_surface_as_it_was_known(size_m):
     dive.until(State.READY)
     dive.run(1.0)
     dive.fault("depth_shifted", value=size_m)
-    dive.run(0.1)
+    dive.run(0.2)
     assert dive.step.sample.state.frame_shift or dive.step.sample.state.ages.depth_reset_s < 0.2
     dive.ask(Request.ENGAGE)
     dive.until(State.ACTIVE)
