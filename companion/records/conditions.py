@@ -131,13 +131,6 @@ class Condition(IntFlag):
         "fresh depth arrives",
         "a fresh depth",
     )
-    ATTITUDE_STALE = (
-        "no fresh attitude",
-        "no new one for attitude_timeout_s",
-        "check that ATTITUDE is streamed",
-        "fresh attitude arrives",
-        "a fresh attitude",
-    )
     ATTITUDE_DOUBTED = (
         "the measured attitude does not answer the vehicle's motion",
         "an angle or a body rate repeats exactly, or gyro and angle turn against each other: such an "
@@ -145,6 +138,13 @@ class Condition(IntFlag):
         "restart the autopilot",
         "the measured attitude answers the vehicle's motion again",
         "an attitude that answers the vehicle's motion",
+    )
+    ATTITUDE_STALE = (
+        "no fresh attitude",
+        "no new one for attitude_timeout_s",
+        "check that ATTITUDE is streamed",
+        "fresh attitude arrives",
+        "a fresh attitude",
     )
     POSITION_STALE = (
         "no fresh position",

@@ -131,10 +131,10 @@ RULES: dict[Condition, Rule] = {
     C.DEPTH_JUMPED: Rule(lambda now, _: now.state.depth_refused, blocks=True, warns=True, freezes=True),
     C.DEPTH_DOUBTED: Rule(lambda now, _: now.state.depth_doubt != "", blocks=True, warns=True, freezes=True),
     C.DEPTH_STALE: Rule(_depth_stale, blocks=True),
-    C.ATTITUDE_STALE: Rule(_attitude_stale, blocks=True),
     C.ATTITUDE_DOUBTED: Rule(
         lambda now, _: now.state.attitude_doubt != "", blocks=True, warns=True, freezes=True
     ),
+    C.ATTITUDE_STALE: Rule(_attitude_stale, blocks=True),
     C.POSITION_STALE: Rule(_position_stale, warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),

@@ -12,9 +12,9 @@ from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import STEERING_MODES, FlightMode
 from companion.supervision.monitor import Monitor
-from companion.supervision.situation import Observation, Situation
+from companion.supervision.situation import Observation, Situation, Watched
 from companion.supervision.supervisor import JUST_STARTED, StateMachine
-from companion.telemetry.glossary import NO_DETAILS, Details
+from companion.telemetry.glossary import Details
 from companion.telemetry.modes import Mode
 
 C = Condition
@@ -71,14 +71,7 @@ class Supervision:
             ramped_down=self._machine.ramped_down(dt_s),
             engage=self.engagement.asked,
         )
-        details = {**observed.details, **self.engagement.details, **_shortfall(watched.pull_n)}
-        for found, conditions in (
-            (watched.interruption, (C.INTERRUPTED_OFTEN,)),
-            (state.depth_doubt, (C.DEPTH_DOUBTED, C.DEPTH_STALE)),
-            (state.attitude_doubt, (C.ATTITUDE_DOUBTED, C.ATTITUDE_STALE)),
-        ):
-            if found:
-                details |= dict.fromkeys(conditions, (found, ""))
+        details = {**observed.details, **self.engagement.details, **_found(watched, state)}
         verdict = self._machine.step(assess(now, limits), dt_s, details)
         mode.update(previous, verdict, state)
         self.engagement.update(verdict, state.mode, details)
@@ -110,9 +103,15 @@ class Supervision:
         return self._flight_mode.restore_mode()
 
 
-def _shortfall(pull_n: float) -> Details:
-    """Return what thrust would suffice."""
-    if pull_n < 1.0:
-        return NO_DETAILS
-    remedy = f"it takes {10.0 * math.ceil(0.1 * pull_n):.0f} N: {Condition.SATURATED.remedy}"
-    return {Condition.SATURATED: ("", remedy)}
+def _found(watched: Watched, state: VehicleState) -> Details:
+    """Return what is found of conditions now, and remedies in place of the usual ones."""
+    depth, attitude, pull_n = state.depth_doubt, state.attitude_doubt, watched.pull_n
+    suffices = f"it takes {10.0 * math.ceil(0.1 * pull_n):.0f} N: {C.SATURATED.remedy}"
+    return {
+        C.INTERRUPTED_OFTEN: (watched.interruption, ""),
+        C.DEPTH_DOUBTED: (depth, ""),
+        C.DEPTH_STALE: (depth, C.DEPTH_DOUBTED.remedy if depth else ""),
+        C.ATTITUDE_DOUBTED: (attitude, ""),
+        C.ATTITUDE_STALE: (attitude, C.ATTITUDE_DOUBTED.remedy if attitude else ""),
+        C.SATURATED: ("", suffices if pull_n >= 1.0 else ""),
+    }

@@ -70,6 +70,7 @@ def test_what_does_not_answer_is_told_and_released_while_the_vehicle_is_near(wha
     assert told_s < 2.0 if "turned" in what else told_s < 0.6
     assert verdict.state is State.FAULT
     assert verdict.reason.startswith(("no fresh depth (", "no fresh attitude ("))
+    assert verdict.remedy.startswith("restart the autopilot")
     assert np.less(off([*steps, after[0]]), (0.3, 12.0)).all()
     assert dive.motors_rest()
 
