@@ -43,6 +43,12 @@ a Bar30's of 1 mm, is left to ArduSub: 28 % of its readings repeat (docs/ardusub
 LEAST_M = 0.05
 """The noise of a climb rate adds up to 11 mm over STANDING_S (docs/ardusub.md, "Telemetry")."""
 
+USUAL_S, NOISE, MOST_NOISE = 30.0, 2.0, 3.0
+"""Over so long their usual difference is known; so many times that, and `least`, is noise. With a barometer
+of ±0.2 m the real ArduSub's depth and climb rate go opposite ways by 0.05 m."""
+
+SHORTEST_S = 1e-9
+
 DIFFERENT = 0.5
 """Share of the larger motion that may be missing in the other: an EKF with GPS shows 0.71 of it."""
 
@@ -93,6 +99,7 @@ class Partners:
         self._rate = self._position = 0.0
         self._came = self._way = self._moved = self._meanwhile = 0.0
         self._step = math.inf
+        self._difference2 = self._seen_s = 0.0
 
     def rate(self, t_s: float, rate: float) -> None:
         """Take a sample of the rate."""
@@ -120,6 +127,9 @@ class Partners:
             moved = came
         keep = math.exp(-gap_s / MEMORY_S)
         self._way, self._moved = keep * self._way + came, keep * self._moved + moved
+        self._seen_s = min(self._seen_s + gap_s, USUAL_S)
+        new = gap_s / max(self._seen_s, gap_s, SHORTEST_S)
+        self._difference2 += new * ((self._way - self._moved) ** 2 - self._difference2)
 
     @property
     def stands(self) -> bool:
@@ -129,8 +139,10 @@ class Partners:
 
     @property
     def opposed(self) -> bool:
-        """Whether the two go opposite ways."""
-        return self._way * self._moved < 0.0 and min(abs(self._way), abs(self._moved)) > self._least
+        """Whether the two go opposite ways, by more than they usually differ."""
+        usual = NOISE * math.sqrt(self._difference2)
+        least = max(self._least, min(usual, MOST_NOISE * self._least))
+        return self._way * self._moved < 0.0 and min(abs(self._way), abs(self._moved)) > least
 
     @property
     def differ(self) -> bool:
