@@ -131,7 +131,7 @@ def test_a_vehicle_that_stays_tilted_is_kept_while_its_depth_is_held(dived):
     steps = dive.run(32.0)
     assert states(steps) == {State.ACTIVE}
     assert np.degrees(np.abs(eta(steps)[:, 3])).max() > 25.0
-    assert np.abs(eta(steps)[:, 2] - 5.0).max() < 0.1
+    assert np.abs(eta(steps)[:, 2] - 5.0).max() < 0.2
 
 
 @pytest.mark.parametrize(("orientation", "releases"), [(0, False), (4, True)])
