@@ -213,7 +213,7 @@ def test_a_live_dive(opened: Callable[..., Page]) -> None:
     hosts = _get(page, f"[...new Set({weight}.map((e) => new URL(e.name).hostname))]")
     assert hosts == ["127.0.0.1"]  # no internet
     _wait(page, "/^\\d\\.\\d\\d m$/.test(document.querySelector('#depth-is').textContent)")
-    assert re.fullmatch(r"\d\.\d\d m", page.locator("#depth-wanted").text_content() or "")
+    assert re.fullmatch(r"-?\d\.\d\d m", page.locator("#depth-wanted").text_content() or "")
     assert page.locator("#meaning").text_content() == "Holdfast holds here"
     assert page.locator("#panel-model td").first.text_content() == "× 1.00"
     with page.expect_download() as saved:
