@@ -46,7 +46,7 @@ def pages() -> dict[str, str]:
 
 def write() -> list[Path]:
     """Write the pages into docs/ and return what changed."""
-    wanted = {page: results_page.filled(page).encode() for page in results_page.PAGES}
+    wanted = {results_page.PAGE: results_page.filled().encode()}
     wanted[supervisor_page.PAGE] = supervisor_page.page().encode()
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)

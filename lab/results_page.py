@@ -1,4 +1,4 @@
-"""The tables of docs/results.md and README.md, from the files in docs/results/.
+"""The tables of docs/results.md, from the files in docs/results/.
 
 On a page a table stands between `<!--table:NAME-->` and `<!--end-->`, or, for a picture, what made it
 between `<!--made:NAME-->` and `<!--end-->`. Its file, docs/results/NAME.json,
@@ -9,18 +9,17 @@ makes it.
 import json
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from lab.sources import ROOT, measured_code
 
 FOLDER = ROOT / "docs" / "results"
-PAGES = (FOLDER.with_suffix(".md"), ROOT / "README.md")
+PAGE = FOLDER.with_suffix(".md")
 MARKED = re.compile(r"(<!--(table|made):(\S+)-->\n).*?(<!--end-->)", re.DOTALL)
 
 
-def filled(page: Path) -> str:
-    """Return a page with the tables of today's files."""
+def filled() -> str:
+    """Return the page with the tables of today's files."""
     code = measured_code()
 
     def shown(marked: re.Match[str]) -> str:
@@ -28,7 +27,7 @@ def filled(page: Path) -> str:
         lines = table(content) + "\n" if marked[2] == "table" else ""
         return f"{marked[1]}\n{lines}{made(content['provenance'], code)}\n{marked[4]}"
 
-    return MARKED.sub(shown, page.read_text(encoding="utf-8"))
+    return MARKED.sub(shown, PAGE.read_text(encoding="utf-8"))
 
 
 def table(content: Mapping[str, Any]) -> str:

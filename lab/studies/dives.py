@@ -122,7 +122,7 @@ class Dives(Study[BenchDive]):
             lines.append([title, *cells, difference, _mean(mine, "chatter_n")])
         delays = "/".join(_delay(delay_ms) for (delay_ms,) in by(rows, "delay_ms"))
         scenarios = [name for (name,) in by(rows, "scenario")]
-        columns = [f"depth RMS, mm ({delays})", *scenarios, "less Holdfast's, mm", "chatter, N"]
+        columns = [f"depth RMS, mm ({delays})", *scenarios, "minus Holdfast's, mm", "chatter, N"]
         return {"columns": columns, "rows": lines}
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:

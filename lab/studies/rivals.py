@@ -81,8 +81,8 @@ class Rivals(Study[RivalDive]):
 
     def summary(self, rows: Sequence[Row]) -> dict[str, Any]:
         columns = (
-            *("", "depth, mm", "depth less, %", "place, mm", "place less, %", "tilt, °"),
-            *("chatter in depth, N", "chatter in place, N", "thrust, N"),
+            *("", "depth, mm", "Δ depth, %", "place, mm", "Δ place, %"),
+            *("tilt, °", "chatter in depth, N", "chatter in place, N", "thrust, N"),
         )
         of_row = {name: some for (name,), some in by(rows, "row").items()}
         lines = [self._line(name, some, of_row.get(DEFAULT, ())) for name, some in of_row.items()]

@@ -30,12 +30,22 @@ def test_json_schemas_are_written_where_they_are_asked_for(tmp_path: Path) -> No
 
 
 def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
-    results, _ = results_page.PAGES
-    for page in results_page.PAGES:
-        written = page.read_text(encoding="utf-8")
-        assert written == results_page.filled(page), f"{page} is stale: run `holdfast lab schema --write`"
-    shown = {name for _, _, name, _ in results_page.MARKED.findall(results.read_text(encoding="utf-8"))}
+    written = results_page.PAGE.read_text(encoding="utf-8")
+    assert written == results_page.filled(), "results.md is stale: run `holdfast lab schema --write`"
+    shown = {name for _, _, name, _ in results_page.MARKED.findall(written)}
     assert shown >= {path.stem for path in results_page.FOLDER.glob("*.json")}
+
+
+def test_the_readme_says_what_the_tables_say() -> None:
+    """The SD on the real ArduSub: Holdfast's mean, ALT_HOLD's range; results.md repeats the first."""
+    content = json.loads((results_page.FOLDER / "firmware.json").read_text(encoding="utf-8"))
+    ours, stock, tuned = ([float(cell.split()[0]) for cell in row[1:]] for row in content["rows"])
+    readme = " ".join((schema.DOCS.parent / "README.md").read_text(encoding="utf-8").split())
+    assert f"varies by about {sum(ours) / len(ours):.0f} mm (SD)" in readme
+    for kind, figures in (("tuned", tuned), ("default", stock)):
+        assert f"by {min(figures):.0f} to {max(figures):.0f} mm with {kind} gains" in readme
+    results = results_page.PAGE.read_text(encoding="utf-8")
+    assert f"about {sum(ours) / len(ours):.0f} mm (SD)" in results
 
 
 def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) -> None:
