@@ -8,6 +8,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from shown import says
 
 import holdfast
 from companion.records import Condition
@@ -140,3 +141,33 @@ def test_the_picture_of_the_loop_is_the_code_of_the_tick():
     assert len(names) == 9
     assert [name for _, name in calls if name in names] == names
     assert all(f"companion.{file.replace('/', '.')}" in imported for _, file in drawn)
+
+
+def test_what_a_page_shows_is_what_is_said_but_for_its_numbers():
+    shown = "depth 3.00 m, -2 mm\n...\nREADY: ...\n"
+    assert says(shown, "depth 12.1 m, +4 mm\nheading 3\nREADY: engage\n")
+    assert not says(shown, "depth 12.1 cm, +4 mm\nREADY: engage\n")
+    assert not says(shown, "depth 12.1 m, +4 mm\nREADY: engage\nIDLE\n")
+    assert not says("depth 3 m\nREADY: ...\n", "depth 3 m\nheading 3\nREADY: engage\n")
+
+
+@cache
+def messages():
+    """All words of the programs; what is filled in is a gap."""
+    texts = (path.read_text(encoding="utf-8") for path in SOURCES if "tests" not in path.parts)
+    joined = re.sub(r'"\s*\n\s*f?"', "", "\n".join(texts))
+    return re.sub(r"\{[^{}]*\}", "\0", joined)
+
+
+@pytest.mark.parametrize("page", ["troubleshooting.md", "sitl.md", "tuning.md"])
+def test_what_a_page_quotes_is_what_the_program_says(page):
+    """Runs of words between numbers, names and colons; firmware and system have words of their own."""
+    text = FENCE.sub("", (ROOT / "docs" / page).read_text(encoding="utf-8"))
+    begins = re.compile(r"udp port|no |nothing|Nobody|it may|REFUSED|the |a tick|too far|1/lam")
+    quotes = [" ".join(quote.split()) for quote in re.findall(r"`([^`]+)`", text)]
+    quoted = [quote for quote in quotes if begins.match(quote)]
+    assert quoted
+    for quote in quoted:
+        for part in re.split(r"[:,]|\.\.\.|\S*[\d_]\S*|REFUSED|udp port|^no ", quote):
+            if len(part.split()) > 1:
+                assert part.strip() in messages(), quote

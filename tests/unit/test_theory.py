@@ -1,4 +1,4 @@
-"""docs/theory.md gives the constants of the code: a sentence is made of each and looked for on the page."""
+"""docs/theory.md gives the constants of the code: words are made of each and looked for on the page."""
 
 import math
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from companion.config import Config
-from companion.core import hidden_delay, oscillation, schedule, vehicle_model
+from companion.core import hidden_delay, oscillation, predictor, schedule, vehicle_model
 
 PAGE = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text(encoding="utf-8").split())
 
@@ -18,16 +18,21 @@ surge, sway, in_heave, yaw = (f"{100 * share:g} %" for share in oscillation.SHAR
 most_gain = math.exp(vehicle_model.MOST_LOG_GAIN)
 
 SENTENCES = (
-    f"faster than {oscillation.HIGH_PASS_S:g} s has for {oscillation.TRANSIENT_S:g} s",
+    f"the demand that is faster than {oscillation.HIGH_PASS_S:g} s",
     f"{surge} in surge and sway, {in_heave} in heave, {yaw} in yaw, "
     f"{100 * oscillation.LEVELLING_SHARE:g} % in roll and pitch",
-    f"more than {math.sqrt(oscillation.VIOLENT):.1f} times the share",
-    f"with a time constant of {oscillation.SHRINK_S:g} s, to {least:g} at least",
-    f"as a longer delay would (s^{schedule.LAMBDA_POWER:g}, s^{schedule.KAPPA_POWER:g})",
-    f"the mean over {oscillation.MEAN_S:g} s stays",
-    f"Within {oscillation.RECOVER_S:g} s the scale returns to {oscillation.RELAPSE_SHARE:g} of its value",
-    f"then it grows by {60.0 / oscillation.FORGET_S:g} a minute",
-    f"at least {1e3 * oscillation.EXPLAINED_S:g} ms longer than at the start",
+    f"for this time; within {oscillation.CONFIRMED_S:g} s of another limit cycle, or while s is held below 1 "
+    f"| {oscillation.TRANSIENT_S:g} s; {oscillation.AGAIN_S:g} s |",
+    f"changed its sign meanwhile | {oscillation.SWINGS} times |",
+    f"needs no change of sign | {math.sqrt(oscillation.VIOLENT):.1f} times the share |",
+    f"time constant; least value | {oscillation.SHRINK_S:g} s; {least:g} |",
+    f"s then returns to 1 | in {oscillation.RECOVER_S:g} s |",
+    f"above {math.sqrt(oscillation.VIOLENT):.1f} times the share, or a second one "
+    f"| {oscillation.CONFIRMING_SWINGS} times; within {oscillation.CONFIRMED_S:g} s |",
+    f"then grows | {oscillation.RELAPSE_SHARE:g}; by {60.0 / oscillation.FORGET_S:g} a minute |",
+    f"s returns to 1 | {1e3 * oscillation.EXPLAINED_S:g} ms longer |",
+    f"s^{schedule.LAMBDA_POWER:g}, s^{schedule.KAPPA_POWER:g}, s² |",
+    f"its difference from the mean over {oscillation.MEAN_S:g} s, by s² |",
     f"with λ + κ = {sum_per_s:.1f}/s in heave",
     f"λ decreases with the power {schedule.LAMBDA_POWER:g} and κ with the power {schedule.KAPPA_POWER:g}",
     f"r = s · min(1, {schedule.D_HAT_TOLERATED_S:g} s/delay)",
@@ -35,6 +40,11 @@ SENTENCES = (
     f"{vehicle_model.MOST_LAG_S:g} s",
     f"limited to 0..{1e3 * hidden_delay.LARGEST_S:g} ms and changes by at most "
     f"{1e3 * hidden_delay.SLEW:g} ms per second",
+    f"a memory of {predictor.MEMORY_S:g} s",
+    f"the last {predictor.JUDGED_S:g} s: 0 if the prediction's is less than "
+    f'{100 * predictor.USED_FROM:g} % below that of "d stays", '
+    f"1 if it is {100 * predictor.USED_WHOLLY:g} % below",
+    f"is limited to ±{predictor.MOST:g} ",
 )
 
 
