@@ -2,7 +2,7 @@
 
 A datagram's arrival is stamped and it waits in a bounded inbox; the tick, a timerfd because an asyncio sleep
 is over a millisecond late, hands the inbox to the engine and sends its answer. A late tick first reads what
-waits in the sockets; one that fails is ridden out, two within RIDE_OUT_TICKS end the process. What takes
+waits in the sockets; one tick that fails is tolerated, two within RIDE_OUT_TICKS end the process. What takes
 longer than a tick may is done between ticks, in steps. Every way out leaves neutral what we steer.
 """
 

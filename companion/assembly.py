@@ -172,7 +172,7 @@ def refuse_fast_gains(config: Config, delay_s: float | None = None, old: Config 
         what learns    T s³ + s² + κ s + K/m = 0        (ε, integrated by K)       m κ/K > T
 
     K is the learning rate, n/4 times as large for a network of n units (its outputs are ½ at rest). All are
-    drawn back for that delay. The λ and κ that keep a gain margin of 2 at a known delay (docs/theory.md, 6)
+    reduced for that delay. The λ and κ that keep a gain margin of 2 at a known delay (docs/theory.md, 6)
     have 1.9 to 3.8 times that T.
 
     Without `delay_s` it is the one believed until it has been measured. What is no faster than in `old`,

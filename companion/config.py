@@ -133,7 +133,7 @@ class AxisModel(Section, frozen=True):
 
 
 class YawModel(AxisModel, frozen=True):
-    """The same of yaw: rad, N·m and kg·m²."""
+    """The nominal model of yaw: rad, N·m and kg·m²."""
 
     mass: Inertia = 0.5
     linear_damping: Annotated[float, within(0.0, 30.0, unit="N·m·s/rad", remedy=SCALE)] = 0.1
@@ -240,7 +240,7 @@ class Network(Section, frozen=True):
 
 
 class DelaySection(Section, frozen=True):
-    """What the loop's delays are taken for until they have been measured (TIMESYNC, SERVO_OUTPUT_RAW)."""
+    """The delays that are assumed until they have been measured (TIMESYNC, SERVO_OUTPUT_RAW)."""
 
     telemetry_s: Annotated[Delay, means("of telemetry")] = 0.010
     command_s: Annotated[Delay, means("of commands, beside half of TIMESYNC's round trip")] = 0.012
@@ -252,9 +252,9 @@ class DelaySection(Section, frozen=True):
 class SupervisorLimits(Section, frozen=True):
     """When to refuse and when to give up."""
 
-    link_timeout_s: Annotated[Timeout, means("silence or lateness until it gives up; less is ridden out")] = (
-        1.0
-    )
+    link_timeout_s: Annotated[
+        Timeout, means("silence or lateness until it gives up; less only interrupts")
+    ] = 1.0
     heartbeat_timeout_s: Annotated[Timeout, means("three heartbeats; only they report arming and mode")] = 3.5
     depth_timeout_s: Annotated[Timeout, means("largest age of the depth; then thrust is neutral")] = 0.5
     attitude_timeout_s: Annotated[Timeout, means("the same of the attitude")] = 0.5

@@ -58,7 +58,7 @@ from companion.telemetry.glossary import Details
 
 MAX_DT_TICKS = 3.0
 REDESIGN_COST = 16
-"""Of a tick, in units of `Steps`: one row of a table of Kalman gains."""
+"""Steps of `Steps` that one row of a table of Kalman gains takes."""
 
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 
@@ -120,7 +120,7 @@ class Engine:
         self.memory = tick.start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
         self._noise = noise_of(config)
-        """For which the Kalman gains are."""
+        """The noise for which the Kalman gains were computed."""
         self._redesign: tuple[tuple[float, float], Task[None]] | None = None
         self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)

@@ -17,9 +17,9 @@ from typing import Any
 from holdfast import RefusedError
 
 MAX_BYTES = 1 << 18
-"""Of a text; the largest of our own have a fifth of it."""
+"""Largest text; the largest of our own have a fifth of it."""
 MAX_LOG_BYTES = 1 << 32
-"""Of a log or recording: two days of raw ticks."""
+"""Largest log or recording: two days of raw ticks."""
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 """Byte order marks, with which Windows and spreadsheets begin a text, and what they declare."""
 MAX_DEPTH = 32

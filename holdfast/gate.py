@@ -13,7 +13,7 @@ from holdfast import RefusedError
 from holdfast.files import refuse_endless
 
 MEMORY_BYTES: Final = 2 << 30
-"""Of data; the libraries and the stacks of their threads take up to a quarter of it."""
+"""Memory for data; the libraries and the stacks of their threads take up to a quarter of it."""
 START_S, BYTES_PER_S, MAX_S = 20, 100_000, 1200
 """Time of the processor that is allowed: to start, for what the disk has of the files, and at most."""
 

@@ -105,7 +105,7 @@ def schema(argv: list[str]) -> int:
         for name, content in schemas().items():
             (arguments.json / name).write_bytes(content)
     elif arguments.write:
-        sys.stdout.write("".join(f"{path}\n" for path in write()) or "nothing was stale\n")
+        sys.stdout.write("".join(f"docs/{path.name}\n" for path in write()) or "nothing was stale\n")
     else:
         sys.stdout.write(pages()["telemetry.md"])
     return 0

@@ -25,7 +25,7 @@ NOT_DIVED = (
     "sim_bridge/commands.py",
     "sim_bridge/zenoh_link.py",
 )
-"""Of PROGRAMS what no study runs, and what only tells: how a dive goes does not depend on it."""
+"""Parts of PROGRAMS that no study runs, or that only report: how a dive goes does not depend on them."""
 
 SPACES = re.compile(r"(?<=\S) +")
 

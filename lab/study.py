@@ -74,7 +74,7 @@ class Study(ABC, Generic[C]):
     keeps_rows: ClassVar[bool] = False
     """Whether the rows stay in their file when the study is complete, so that a longer run continues them."""
     rows_key: ClassVar[str] = "dives"
-    """Of the rows in the JSON file."""
+    """Key of the rows in the JSON file."""
     steps = 1
     """Steps of progress in a case: more than one where `dive` calls `advance`."""
     advance: Callable[[int], object] = staticmethod(lambda steps: None)

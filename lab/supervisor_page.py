@@ -114,8 +114,8 @@ def page() -> str:
 
 def _states() -> Iterator[str]:
     yield (
-        "Screens, log and ground station use these words. The advice is that of a state's "
-        "[condition](#conditions), and else that of the last column.\n"
+        "Screens, log and ground station use these words. The advice is the [condition](#conditions)'s; "
+        "without one, the last column's.\n"
     )
     yield "| state | what it means | on entering | what to do |\n|---|---|---|---|"
     for name, words in STATES.items():

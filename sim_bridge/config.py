@@ -268,7 +268,7 @@ class SensorConfig(_Record, frozen=True):
     dvl: bool = False
     """A position source: LOCAL_POSITION_NED exists and position modes are accepted."""
     dvl_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.03
-    """Of LOCAL_POSITION_NED's place and velocity."""
+    """Delay of LOCAL_POSITION_NED's place and velocity."""
     dvl_by_mavlink: bool = False
     """A position source that speaks VISION_POSITION_DELTA, as a DVL's BlueOS extension does."""
     dvl_knows_north: bool = False

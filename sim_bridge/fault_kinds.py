@@ -8,7 +8,7 @@ from msgspec import Meta
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 LARGEST_FLOAT = 3.4e38
-"""Of 32 bits, as MAVLink has them."""
+"""Largest float of 32 bits, as MAVLink has them."""
 
 
 class FaultKind(NamedTuple):

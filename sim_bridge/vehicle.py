@@ -41,7 +41,7 @@ class Truth(msgspec.Struct, frozen=True):
     nu_dot: Six
     """In the middle of the last step."""
     thrust_n: tuple[float, ...]
-    """Of each thruster, along its direction."""
+    """Thrust of each thruster along its direction."""
     tau: Six
     """Body wrench that the thrusters deliver."""
     force: Three

@@ -39,9 +39,9 @@ class Actuation(NamedTuple):
     pitch: Levelling
     tilt_limit: TiltLimit
     max_force: tuple[float, float]
-    """Of surge and sway, N."""
+    """Surge and sway, N."""
     righting_nm: tuple[float, float]
-    """Of roll and pitch; 0 where it is not known."""
+    """Righting moments of roll and pitch; 0: not known."""
     yaw_inertia: float
     """kg m²."""
 
@@ -59,14 +59,14 @@ class ActuationMemory(NamedTuple):
     share: Vector
     """What the tilt leaves of surge, sway, heave and yaw."""
     active_wrench: Vector
-    """What the law last asked while active: this is let go, evenly, whatever it would say by then."""
+    """The last force while active. On release it falls to zero from this value, whatever the law asks."""
     wanted: Axes
     shortfall: ByAxis
     """Axis by axis, whether more was asked than the thrusters can give."""
     command: Axes
     """What the vehicle made of the last command."""
     pilots: Axes
-    """Of it what is the pilot's."""
+    """The pilot's part of it."""
     delivered: Vector
     """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
     saturated: Flags
@@ -204,7 +204,8 @@ def paced(
 ) -> tuple[Vector, Limits]:
     """Return the pace that saturation leaves, and what the reference may do at a tilt of `angle`.
 
-    While the horizontal force is limited the reference stays near, and what is let go is not pulled at.
+    While the horizontal force is limited the reference waits for the vehicle: the law asks for no more than
+    it can get.
     """
     x, y, z, psi = pace = each_of_two(tilt.pace, memory.pace, memory.saturated, dt_s)
     left, limits = tilt.share(angle), share[X] < 1.0
@@ -249,7 +250,7 @@ def allocated(
     yaw = axes[PSI]
     if memory.dead_motor + memory.reversed_motor > 0 and memory.pilots != NO_AXES and math.isfinite(tau[PSI]):
         yaw = yaw_beside(thrusters, memory.pilots, tau[PSI], voltage_v, reach[PSI])
-    if not turns:  # unequal curves ask for a little, of a heading not ours
+    if not turns:  # the autopilot holds the heading; unequal thrust curves leave a small demand of yaw
         yaw = 0.0
     return with_yaw(axes, yaw), shortfall
 

@@ -24,7 +24,7 @@ Without motor k the three others push f = M₃⁻ᵀ S⁻¹ tau, and what is ask
 
 So heave without moments is the work of two motors on one diagonal, the fourth rests, and |t_k| ≤ 1 leaves
 half of their demand. If k runs the other way round, t = w T⁻¹(f + λ n): heave is the work of k and of the
-motor on its diagonal. Where that does not suffice, the moments are given whole and the forces are cut.
+motor on its diagonal. Where it cannot give both, the moments are given whole and the forces are limited.
 """
 
 import math
@@ -78,7 +78,7 @@ SLOPE_STEP = 0.1
 MIN_SLOPE_N = 1e-9
 OVERLOAD = 1.01
 HALVINGS, TURNED_HALVINGS = 10, 14
-"""Of the share of the forces that the motors can give beside what goes first; of λ."""
+"""Steps of bisection: of the share of the forces that the motors can give beside what goes first; of λ."""
 
 # Motor by motor: surge, sway, heave (down), yaw, roll and pitch factors of ArduSub's frames.
 _HORIZONTAL: tuple[Axes, ...] = (
@@ -99,7 +99,7 @@ FACTORS: dict[str, tuple[Axes, ...]] = {
 }
 HORIZONTAL = len(_HORIZONTAL)
 YAW = 3
-"""Of the six axes the first that turns."""
+"""The first of the six axes that turns the vehicle."""
 NO_MOTOR: Four = (0.0, 0.0, 0.0, 0.0)
 FORWARD: Four = (1.0, 1.0, 1.0, 1.0)
 NOTHING: Three = (0.0, 0.0, 0.0)

@@ -27,10 +27,10 @@ from companion.core.tilt import Force
 from companion.records import LEVEL, Angles
 
 MAX_ANGLE_RAD = math.radians(55.0)
-"""Of roll and of pitch. Beyond it too little of the thrust is left for depth, place and heading."""
+"""Largest roll and pitch. Beyond it too little of the thrust is left for depth, place and heading."""
 
 MAX_MOMENT_SHARE = 0.5
-"""Of the largest levelling moment, that righting may take at the angle: the rest is for waves."""
+"""Share of the largest levelling moment that righting may take at the angle; the rest is for waves."""
 
 STRAIGHT_RAD = math.radians(10.0)
 """Beyond it what is learnt of the vehicle level does not hold."""

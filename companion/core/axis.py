@@ -2,7 +2,7 @@
 
     τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε + bias                                       (eqs. lei1, lei2)
 
-Symbols are those of `law.py`; the bias is what a change of law left in thrust, N or N·m, let go over BLEND_S.
+Symbols are those of `law.py`; the bias, N or N·m, is what a change of law left; it decays over BLEND_S.
 """
 
 import math
@@ -67,7 +67,7 @@ class Ahead(NamedTuple):
     disturbance: Vector
     predicted: Four[Predicted]
     delay_s: float
-    """Of the whole loop."""
+    """Delay of the whole loop."""
     gain: Vector
 
 
@@ -292,5 +292,5 @@ def taken_over(old: Axis, axis: Axis, memory: AxisMemory) -> AxisMemory:
 
 
 def bumpless(memory: AxisMemory, before: AxisMemory) -> AxisMemory:
-    """Ask as much as `before`; the difference to what the new law asks is let go over BLEND_S."""
+    """Ask as much as `before`; the difference to what the new law asks decays over BLEND_S."""
     return memory._replace(bias=memory.bias + before.asked - memory.asked, asked=before.asked)

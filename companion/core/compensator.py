@@ -66,7 +66,7 @@ def dead_zone_error(
 def inputs(signals: Signals) -> Inputs:
     """Return θ = [1, 10 e, 5 ė, 5 ẋ, 5 ẋ_d, 5 ẍ_d].
 
-    The inputs that carry rates are what earns a network its place: a bias alone limit-cycles under delay.
+    The rates matter: a network with a bias alone has a limit cycle under delay.
     """
     return (
         1.0,

@@ -54,9 +54,9 @@ class Motion(NamedTuple):
     """What a law of one's own sees: one degree of freedom where the next command acts, NED, SI units.
 
     `e`, `e_dot` are measured − desired; `m` and `k_plus_h` are the nominal model's; `d_hat` is what the axis'
-    compensators estimate; `lam` and `kappa` are drawn back for delay and oscillation already, by powers of
-    `share` (0..1, `schedule.py`). Where not `free`, the last command was cut off or is not in force: there
-    nothing may be learnt.
+    compensators estimate; `lam` and `kappa` are reduced for delay and oscillation already, by powers of
+    `share` (0..1, `schedule.py`). If not `free`, the last command was limited or is not in force:
+    then learn nothing.
     """
 
     e: float

@@ -20,9 +20,9 @@
 
 The last terms cancel what the horizontal thrusters tilt. z is what the file says until K shows another one:
 in the mean over SLOW_S levelling needs K = z Y + b, whatever factor the thrusters share. The z in use stays
-as it is as long as it may be true. What is left is the Munk moment (Za − Xa) u w
-(Fossen 2011, 6.3): held against a current of u, a tilt θ makes w = u θ, and the moment turns it further. For
-a Heavy it is 4 N·m/rad at 0.6 m/s and 9 at 0.85, where its weight rights it with 1.3: hence the stiffness.
+as it is as long as it may be true. What is left is the Munk moment (Za − Xa) u w (Fossen 2011, 6.3): a
+vehicle that is held in a current u and tilted by θ meets the water with w = u θ; the moment tilts it more.
+For a Heavy it is 4 N·m/rad at 0.6 m/s and 9 at 0.85, and its weight rights it with 1.3: hence the stiffness.
 A delay lowers ω, and from 80 ms on ω² I is less than this moment: then the vehicle tips to and fro. What is
 pushed against the drag d2 u² tells the moment: μ = (m_w − m_u) / d2 times the mean push. Twice that is what
 waves then meet in a current as in still water.
@@ -47,8 +47,8 @@ STIFFNESS_PHASE_RAD = 0.5
 """√c times the delay, rad: beyond it too little damping is left."""
 
 LEAST_SHARE = 0.3
-"""Of ω, that an oscillation leaves: with less a vehicle in a current tips over. A violent swing counts for no
-more than its time: the one that ends a large tilt is none of the loop's own."""
+"""Of ω, that an oscillation leaves: with less a vehicle in a current tips over. Large amplitudes do not
+shorten the time of detection here: the swing that ends a large tilt is no limit cycle."""
 
 PUSHED_S = 1.0
 """The mean of a push is taken over this time: a current's, not the waves'."""

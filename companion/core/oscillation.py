@@ -14,15 +14,15 @@ from typing import NamedTuple
 from companion.core.bounds import clamped, limited
 
 SHARES = (0.1, 0.1, 0.12, 0.04)
-"""Of the largest force of surge, sway, heave and yaw: an RMS of fast demand above it is a limit cycle, if it
-lasts."""
+"""Shares of the largest force of surge, sway, heave and yaw: an RMS of fast demand that stays above it is a
+limit cycle."""
 
 FIRST_SCALES = (1.0, 1.0, 0.5, 1.0)
-"""Share of the gains of surge, sway, heave and yaw with which control begins. With all of heave's, a vehicle
-that floats up and whose thrust is not known yet may swing (decision 46)."""
+"""Control begins with this share of the gains of surge, sway, heave and yaw. With full gains in heave a
+buoyant vehicle of unknown thrust may oscillate (decision 46)."""
 
 LEVELLING_SHARE = 0.06
-"""The same of the largest moment of roll and pitch."""
+"""Share of the largest moment of roll and pitch."""
 
 HIGH_PASS_S = 0.15
 MEMORY_S = 0.2
@@ -34,8 +34,8 @@ SWINGS, CONFIRMING_SWINGS = 2, 4
 that goes on until it has changed so often confirms itself."""
 
 VIOLENT = 12.0
-"""Of the limit's mean square: more of it is no transient. Its time counts for more, and it needs no second
-cycle."""
+"""Times the limit's mean square: more is no transient. Its time counts share / VIOLENT times, and it
+needs no second cycle."""
 
 SHRINK_S = 0.3
 RECOVER_S = 10.0
@@ -45,7 +45,7 @@ CONFIRMED_S = 12.0
 or a load rings once."""
 
 RELAPSE_SHARE = 0.7
-"""Of the scale at which a confirmed limit cycle began: so far the gains come back within RECOVER_S."""
+"""Share of the scale at which a confirmed limit cycle began, to which the gains return within RECOVER_S."""
 
 FORGET_S = 600.0
 """Beyond that they come back as slowly as this, from nothing to all of them."""
@@ -136,7 +136,7 @@ def mean_disturbance(mean: float, d: float, dt_s: float) -> float:
 def scaled_disturbance(mean: float, d: float, gain_scale: float) -> float:
     """Return a disturbance as it may become thrust: its mean, and of what differs from that gain_scale².
 
-    At full gains it is the disturbance itself. A constant one stays compensated whatever the scale: what is
-    drawn back is all that is faster than 1/MEAN_S.
+    At full gains it is the disturbance itself. A constant one stays compensated whatever the scale: only what
+    is faster than 1/MEAN_S is reduced.
     """
     return d - (1.0 - gain_scale * gain_scale) * (d - mean)

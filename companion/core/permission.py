@@ -14,13 +14,13 @@ class Permission(NamedTuple):
     """Nothing is learnt."""
     active: bool
     releases: bool
-    """What was asked while it was active is let go evenly, whatever the law says by then."""
+    """The force falls evenly to zero from the last one while active, whatever the law asks then."""
     rests: bool
     """Nothing was held until now: law and reference start where the vehicle is."""
     regained: Flags
     """What is held again: its reference starts where the vehicle is."""
     trusts_thrusters: bool
-    """All motors are taken for sound again."""
+    """All motors count as sound again."""
     reach: Axes
     """Largest demand on each axis."""
     excitation: Vector

@@ -5,8 +5,8 @@
 The observer's d is late, and the thrust that cancels it is later. The last second of d tells where waves, a
 tether and a turning current go next. V is random and fixed. W learns from its own error, once the d that was
 predicted has been observed: recursive least squares that forgets, with P bounded (Ljung 1999, ch. 11).
-Before anything was learnt the prediction is d itself, and so it is for a d that stays. A step makes θ larger
-than anything before it: there σ saturates, and the prediction stays within what was learnt.
+Before anything was learnt, and for a d that stays, the prediction is d itself. After a step θ is larger than
+ever before; σ saturates, so the prediction stays within what was learnt.
 
 | symbol | meaning                                                        | unit                     |
 |--------|----------------------------------------------------------------|--------------------------|
@@ -17,8 +17,8 @@ than anything before it: there σ saturates, and the prediction stays within wha
 |        | reference's rate and acceleration change over H                |                          |
 | W, V   | weights of the units; a column a unit, N(0, 1)                 | 1                        |
 | P      | covariance of W, over the variance of d                        | 1                        |
-| share  | what of the prediction is used: none where, of late, "d stays" |                          |
-|        | was as good                                                    |                          |
+| share  | of the prediction that is used: 0 if "d stays" was as good     |                          |
+|        | within JUDGED_S                                                | 1                        |
 
 The numbers below were tuned on vehicles of decision 44; within a factor of two of each the figures stay.
 """
@@ -42,7 +42,7 @@ TURN_TICKS = 4
 
 MEMORY_S = 15.0
 VARIANCE = 0.3
-"""Of what the network leaves, in squares of s."""
+"""Variance of what the network leaves, in squares of s."""
 
 PRIOR = 10.0
 """Variance of a weight as far as is known beforehand; P has no larger trace."""
@@ -53,7 +53,7 @@ FLOOR_S = 0.25
 
 JUDGED_S = 4.0
 USED_FROM, USED_WHOLLY = 0.05, 0.3
-"""The share of the squared error that the prediction spares: from there it is used, and from there wholly."""
+"""Reduction of the squared error from which on the prediction is used; from which on wholly."""
 
 MOST = 3.0
 """Largest rise and error that count, in s."""

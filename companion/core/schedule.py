@@ -1,4 +1,4 @@
-"""Gains against delay: how far they are drawn back where the loop is later than they are meant for.
+"""Gains against delay: how far they are reduced where the loop is later than they tolerate.
 
 | symbol     | meaning                                                              | unit |
 |------------|----------------------------------------------------------------------|------|

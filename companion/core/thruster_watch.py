@@ -5,14 +5,13 @@ rotation
 
     y = c v − k s − z h       v = u − (1 − σ) b_i f_i        (i = 0: v = u)
 
-is fitted to the last seconds: c stands for an inertia, or thrusters, that all differ from the nominal
-ones by one factor; k for what rights a tilted vehicle, or brakes a turn; z for a lever of the horizontal
-motors that is not the one that levelling found, within the doubt of that, or z = 0: a vertical motor is
-accused by both fits or not at all. The motor that is accused is the one whose hypothesis leaves less than
-EXPLAINS of the squares that hypothesis 0 and the other motors of its group leave. It is reversed if σ = −1 or
-σ = −½ leaves clearly less than σ = 0, and else dead, if σ = ½ leaves more: a motor that still pushes must not
-be taken for dead, because the allocation around a dead motor lets that motor's own demand go anywhere. A
-motor with half of its push (σ = ½) is held as it is, and hardly seen.
+is fitted to the last seconds. c: a factor of the inertia or of all thrusters. k: righting moment, or damping.
+z: error of the horizontal motors' lever, bounded by its standard deviation. The fit is done with z free and
+with z = 0; a vertical motor is accused only if both say so. The accused motor is the one whose hypothesis
+leaves less than EXPLAINS of the squares that hypothesis 0 and the other motors of its group leave. It is
+reversed if σ = −1 or σ = −½ leaves clearly less than σ = 0. Else it is dead if σ = ½ leaves more: a motor
+that still pushes must not count as dead, because the allocation around a dead motor does not bound that
+motor's own demand. A motor with half of its push (σ = ½) is left as it is.
 
 A reversed vertical motor turns the vehicle over within a second. So what is clear is believed sooner: the
 time that a suspicion has to last is divided by how much clearer it is than EXPLAINS asks.
@@ -76,7 +75,7 @@ CLEARLY = 0.05
 """One share of a motor is told from another by this part of what hypothesis 0 leaves."""
 
 UNCLEAR = 0.3
-"""The same for a dead motor that may be a reversed one."""
+"""The part for a dead motor that may be a reversed one."""
 
 MOST_CLEAR, HORIZONTAL_CLEAR = 10.0, 2.0
 """Largest divisor of HOLDS_S for a reversed motor: a vertical one, and a horizontal one, which can wait."""
@@ -91,7 +90,7 @@ OFF_CENTRE_M, EDDIES_NM = 0.025, 0.11
 """The water may turn a vehicle by so much for a newton of the horizontal motors, and by so much without."""
 
 MOTORS = (1, 2, 3, 4)
-"""Of a group."""
+"""The motors of a group."""
 
 HOLDS_S = 0.8
 EXCUSED_S, RIGHTED_S = 20.0, 3.0
@@ -99,7 +98,7 @@ EXCUSED_S, RIGHTED_S = 20.0, 3.0
 is judged until the vehicle is upright: the fit is for small tilts."""
 
 BIAS_S, EXCUSED_BIAS_S = 60.0, 5.0
-"""How slowly a constant moment, such as that of a payload beside the centre, is taken for what it is."""
+"""How slowly the fit learns a constant moment, such as that of a payload beside the centre."""
 TINY = 1e-12
 
 Five = tuple[float, float, float, float, float]
@@ -144,7 +143,7 @@ class Sums(NamedTuple):
     sh: float
     hh: float
     oo: float
-    """Of the moment that the water may make while the horizontal motors push."""
+    """Mean square of the moment that the water may make while the horizontal motors push."""
 
 
 class Shown(NamedTuple):

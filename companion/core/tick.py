@@ -222,8 +222,8 @@ def known_of(
 def levelling_gain(model: VehicleModel) -> float:
     """Return the gain for which roll and pitch are levelled, from that of heave, whose thrusters they share.
 
-    Of a weak vehicle it is one standard deviation above what was found, sooner than the law follows: the gain
-    margin of levelling is 2.3, and a vehicle that is levelled too softly tips over.
+    For a weak vehicle it is the gain found plus one standard deviation, before the law uses it: a vehicle
+    that is levelled too softly tips over, and too stiff is safe up to a factor of 2.3.
     """
     most = model.found_gain[Z] * math.exp(model.log_gain_doubt[Z])
     return most if most < model.gain[Z] else model.gain[Z]

@@ -20,7 +20,7 @@ LEVEL_RAD, STEEP_RAD = math.radians(8.0), math.radians(20.0)
 """Horizontal force and the reference's speed are whole up to here, nothing from there on."""
 
 YAW_LEVEL_RAD, YAW_STEEP_RAD = math.radians(40.0), math.radians(60.0)
-"""The same for yaw, whose thrust stays level for longer."""
+"""Yaw is whole up to here, nothing from there on: its thrust stays level for longer."""
 
 ALARM_RAD, UNLEVELLED_ALARM_RAD, CALM = math.radians(15.0), math.radians(12.0), 0.6
 """A tilt above it says that the force is too large for the vehicle; below CALM times it that this is over.

@@ -60,8 +60,8 @@ MAX_RESET_INNOVATION = 1.0
 """m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
 
 JUMP_BELIEVED_S = 2.0
-"""A depth that jumped is left out, and so is stale soon, also after a silence; after this long, and after any
-that may be ridden out, it is where the vehicle is."""
+"""A depth that jumps is ignored, so depth soon counts as stale. A jump that lasts so long, or longer than a
+short interruption may, is accepted."""
 
 ARMING_S = 0.5
 """So soon after arming the zero of depth is the autopilot's, which sets it then."""

@@ -103,7 +103,7 @@ class Frame(NamedTuple):
     """The offset as it will be when all fixes have been followed, and what is left to follow (m)."""
 
     settled: Offset = Offset()
-    """Of the places that an operator gives: there the vehicle ends."""
+    """The offset of places that an operator gives: the vehicle ends there."""
     owed: tuple[float, float] = (0.0, 0.0)
     follows: tuple[float, float] = (0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
@@ -116,7 +116,7 @@ class Frame(NamedTuple):
 
     @property
     def now(self) -> Offset:
-        """Of what is measured in this tick."""
+        """The offset of what is measured in this tick."""
         if not any(self.owed):
             return self.settled
         turn_rad, north_m, east_m = self.settled

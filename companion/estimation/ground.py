@@ -38,7 +38,7 @@ AGREEING = 5
 """Samples that have to agree as well."""
 
 LOST_S = 1.0
-"""Without a sample that was taken for longer than this, the ground is unknown."""
+"""If no sample is accepted for longer than this, the ground is unknown."""
 
 MAX_TILT_COS = math.cos(math.radians(60.0))
 """A range further from the vertical is left out."""
@@ -46,7 +46,7 @@ MAX_SLOPE_MPS = 0.5
 UNKNOWN = Ground(math.nan, 0.0)
 
 ANSWER_OMEGA_RADPS, ANSWER_MEMORY_S = 1.5, 5.0
-"""Of straight motion: quicker than the vehicle follows a ground; of the regression: a period of the nod."""
+"""High-pass of the motion, quicker than the vehicle follows a ground; memory of the fit, a nod's period."""
 
 SCATTER_M, LEAST_INFORMATION = 0.015, 25.0
 """Least standard deviation of a range, in whole centimetres; f is reported when its own is below 1/5."""
@@ -55,8 +55,8 @@ HISTORY_S = 1.0
 """How much longer than the range's delay the vehicle's depth is kept: telemetry is late too."""
 
 ANSWERS, MOVES_ALONG = 0.5, 0.7
-"""Shares of the vehicle's motion: a ground that makes less has not moved along, one that makes more has: all
-and nothing are equally likely at one half, and 0.7 is a standard deviation (1/5) beyond."""
+"""Share of the vehicle's vertical motion that the estimated ground follows. Below 0.5 the range is real.
+Above 0.7 (one standard deviation, 0.2, beyond one half) the range is stuck."""
 
 
 class GroundTrack(NamedTuple):

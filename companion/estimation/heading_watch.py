@@ -219,7 +219,7 @@ class HeadingWatch:
         braked = complex(
             gain_x * _damping(nominal, 0, nu.real) * nu.real, gain_y * _damping(nominal, 1, nu.imag) * nu.imag
         )
-        if self._velocity is None:  # it is taken for being in balance
+        if self._velocity is None:  # assume that it is in balance
             self._velocity, self._thrust = velocity, wanted
             moved, pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
             self._bands = [_Band(*band, moved, pushed) for band in BANDS]

@@ -35,14 +35,14 @@ MEMORY_S = 1.0
 1 °/s is followed."""
 
 BLIND_S, BLIND_YAW_RAD, BLIND_POSITION_M = 2.0, math.radians(20.0), 0.5
-"""What an interruption that is ridden out may bring beside the fastest rate before and after it; chosen."""
+"""What a short interruption may add to the fastest rate before and after it; chosen."""
 
 NOISE_LASTS_S = 5.0
 """What the climb rate did not explain within this time counts as the noise of depth; so slowly the usual
 difference of depth and pressure follows the present one."""
 
 WANDER_LASTS_S = 60.0
-"""The same for what comes and goes, such as the lag of an EKF with GPS in waves.
+"""The time for noise that comes and goes, such as the lag of an EKF with GPS in waves.
 This and the next were chosen on dives of ArduSub 4.5 whose home was set in mid-dive (f3de568a)."""
 
 PRESSURE_LASTS_S = 1.2
@@ -77,7 +77,7 @@ class ResetDetector:
         self._at_s = math.nan
         self._value = self._rate = self.unexplained = 0.0
         self.rate_change = 0.0
-        """Of the last sample since the one before."""
+        """Change of the rate from the sample before to the last one."""
 
     def extrapolated(self, at_s: float) -> float:
         """Return the signal's value at `at_s`, soon after its last sample; 0 before the first."""
@@ -154,14 +154,14 @@ class DepthResets:
         self._depths = deque[tuple[float, float]](maxlen=25)
         """The last samples: when they were true (autopilot's clock), and m."""
         self.late = False
-        """Whether the last pressure has shown a reset that was taken for a motion until then."""
+        """Whether the last pressure has shown a reset that looked like a motion until then."""
         self._doubtful: list[tuple[float, float]] = []
         """Resets that no pressure has judged: when, and m."""
         self.spikes = Spikes()
-        """Of the pressure."""
+        """Spikes of the pressure."""
         self._pressure_s, self._pressed_m = -math.inf, math.nan
         self._usual_m = math.nan
-        """Of depth minus the pressure's."""
+        """Usual difference between depth and the pressure's depth."""
         self._peak_m = self._wander_m = 0.0
         """How far the difference has gone since it was the usual one, and how far it goes and returns."""
 

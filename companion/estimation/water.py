@@ -23,7 +23,7 @@ KEPT_S = 10.0
 """A current that was not measured for longer is unknown."""
 
 CORRELATED_S = 1.0
-"""Of what is no current; on a real BlueROV2 Heavy in a tank 0.6 to 0.8 s."""
+"""Correlation time of what is no current; on a real BlueROV2 Heavy in a tank 0.6 to 0.8 s."""
 
 TETHER_N = 2.0
 """As much as the simulated tether pulls with, 1 to 2 N."""

@@ -3,10 +3,10 @@
 Without a ground the depth stays. It moves no faster than the axis' limits, so a rise that is steeper is not
 followed in time, and a ground that jumps moves the vehicle slowly.
 
-A range is believed as far as it answers the vehicle's own motion. It has answered where the ground did not
-move along (`Ground.moves_along`), or without a nod by less than half as far as the vehicle. A leg is half the
-range of the last answer: the vehicle goes no deeper without another. A ground that moves along stops
-it. While the range is doubted the depth is held; only a ground that is near is evaded.
+A range is believed if it answers the vehicle's own motion: the estimated ground did not follow the vehicle
+(`Ground.moves_along`), or without a nod by less than half of its motion. A leg is half the range of the last
+answer: the vehicle goes no deeper without another. A ground that follows the vehicle stops it. While the
+range is doubted the depth is held; only a ground that is near is evaded.
 
 A steady slope that is followed looks like a range that is stuck: the vehicle moves, and the range stays the
 same. So the vehicle nods from half a leg on, and a range that is not stuck shows it. Meanwhile the

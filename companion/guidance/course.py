@@ -40,10 +40,10 @@ def braked(states: Sequence[ReferenceState], accelerations: Vector) -> Vector:
 
 
 class Course:
-    """Under way once `begin` was called; before, it waits to be engaged.
+    """A path or a move. It waits to be engaged until `begin` is called.
 
-    `place` is where a move goes. A NaN is where it starts. Until it begins, it counts from `place_from`, as
-    `Goto.frame` says: a step from here is one from where the move begins.
+    `place` is the end of a move; a NaN stands for its start. Until it begins, it counts from `place_from`, as
+    `Goto.frame` says: "from here" means from where the move begins.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class Course:
         self.refused = ""
         """Why it cannot be followed from where it began."""
         self.frame = Offset()
-        """In which its places are: the EKF's, as it was when the course began."""
+        """The frame of its places: the EKF's when the course began."""
         self.displaced = ""
         """Why its places are not where they were when it began."""
         self._offset = ZERO
@@ -71,7 +71,7 @@ class Course:
         self._law: TimeLaw | None = None
         self._wait_s = 0.0
         self._laps = path.laps if path is not None and path.legs[0].loops else 1.0
-        """Of a leg: one that loops is travelled as a single curve of so many laps."""
+        """Laps of a leg: one that loops is travelled as a single curve of so many laps."""
         self._number, self._passed_m = -1, 0.0
         """Which leg, laps included, and how long those behind it were."""
         self._whole_m = self._moved_s = 0.0
@@ -132,7 +132,7 @@ class Course:
 
     @property
     def length_m(self) -> float:
-        """Of one lap; 0 for a move."""
+        """Length of one lap, m; 0 for a move."""
         return self.path.length_m if self.path is not None else 0.0
 
     @property

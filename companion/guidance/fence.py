@@ -19,7 +19,7 @@ Interval = tuple[float, float]
 MARGIN_M = 0.1
 """So that the vehicle stays inside: its reference overshoots by 2 cm, and it is off that by some more."""
 BRAKING_SHARE = 0.35
-"""Of an axis' acceleration, to stop before the fence with: the reference follows late (REFERENCE_LAG_S)."""
+"""Share of an axis' acceleration to stop before the fence with: the reference is late (REFERENCE_LAG_S)."""
 
 
 class Fence(NamedTuple):

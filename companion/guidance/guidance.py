@@ -53,9 +53,9 @@ class Guidance:
     def __init__(self, config: Config, setpoint: Setpoint) -> None:
         self.sources = Sources(config, setpoint)
         self.references = ReferenceHistory()
-        """Of what was held, for the record of each tick."""
+        """References of what was held, for the record of each tick."""
         self._waits = False
-        """Whether an interruption is ridden out: nothing of what is wanted changes."""
+        """Whether a short interruption lasts: nothing of what is wanted changes."""
 
     @property
     def target(self) -> Setpoint:
@@ -125,7 +125,7 @@ class Guidance:
         return either(regained, self._follow_position(state))
 
     def _rest(self, previous: Verdict, verdict: Verdict, state: VehicleState, *, waited: bool) -> None:
-        """Hold nothing; while an interruption is ridden out, nothing of what is wanted changes."""
+        """Hold nothing; during a short interruption nothing of what is wanted changes."""
         self.references.clear()
         if Condition.INTERRUPTED in verdict.conditions and (waited or previous.authority > 0.0):
             self._waits = verdict.state is State.ACTIVE

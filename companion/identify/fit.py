@@ -59,7 +59,7 @@ class Fit:
     """By table: its own parameters differ."""
     sigma: Array
     covariance: Array
-    """Of the shared parameters and of the first table's own."""
+    """Covariance of the shared parameters and of the first table's own."""
     at_bound: tuple[int, ...]
     """Parameters that ended at a bound."""
     axes: tuple[bool, ...]
@@ -69,7 +69,7 @@ class Fit:
     unexplained: tuple[float, ...]
     """1 − R² of each axis over 2 s, on these tables."""
     unexplained_before: tuple[float, ...]
-    """The same of the base's parameters."""
+    """The unexplained share with the base's parameters."""
     doubtful: dict[int, tuple[float, float]]
     """Parameters that are not known: what was found, and its standard deviation."""
     tilt: dict[str, tuple[float, float]]

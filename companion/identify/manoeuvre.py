@@ -105,7 +105,7 @@ class Manoeuvre:
         return Streams(**self._rows)
 
     def _manoeuvre(self) -> Iterator[list[Request]]:
-        """Give the requests of each tick; in the end ask the engine to let go, and wait until it has."""
+        """Give the requests of each tick; in the end ask the engine to release, and wait until it has."""
         self.failure = yield from self._engaged()
         if not self.failure:
             self.failure = yield from self._excited(self._sample.state.eta)

@@ -49,7 +49,7 @@ MOVED: Final = 0.03
 """m/s or rad/s: an axis whose velocity changes by less (RMS over a window) did not move."""
 MIN_WINDOWS: Final = 5
 EVERY: Final = 3
-"""Of so many windows one is fitted: they overlap, and those between tell little more."""
+"""One of so many windows is fitted: they overlap, and the others add little."""
 MAX_KEPT: Final = 8
 START_DELAYS_S: Final = (-0.25, 0.0)
 LEAD_S: Final = 0.6
@@ -77,7 +77,7 @@ MOST[[*range(BIAS, BIAS + 4), DEAD]] = 100.0, 100.0, 100.0, 10.0, 55.0
 STEPS: Final = np.array((*SMALL * 3, 0.01, 0.01, *[0.001] * 3, *[0.01] * 3, *[0.001] * 2, 0.3, 0.001))
 """The least and the largest value of each parameter, and a small change of it, for the slope."""
 PULL: Final = np.where(np.isin(np.arange(LEAST.size), (LATER, LEVEL_LATER)), 0.5, 0.0)
-"""A lateness of 0.1 s has to explain 0.25 % of an axis' change: where little moved it is taken for none."""
+"""A lateness of 0.1 s has to explain 0.25 % of an axis' change: where little moved it is assumed to be 0."""
 DEAD_BAND_US: Final = 28.0
 
 

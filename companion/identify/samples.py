@@ -79,7 +79,7 @@ class Streams(NamedTuple):
     """Whether the EKF's horizontal velocity is measured, 1 or 0; without a row it is not."""
     notes: tuple[str, ...] = ()
     parameters: Mapping[str, float] = MappingProxyType({})
-    """Of the vehicle, as far as they came."""
+    """The vehicle's parameters that were received."""
 
     def table(self, name: str, frame: str) -> Table:
         """Return the table; `frame` says which motors serve which axis.

@@ -53,7 +53,7 @@ FUNCTIONS: Final = tuple(f"SERVO{output}_FUNCTION" for output in range(1, 17))
 FIRST_MOTOR: Final = 33
 
 QUALITY_PARAMETER: Final = "RNGFND_SQ_MIN"
-"""Of a rangefinder: the least signal quality, %, since ArduSub 4.5."""
+"""A rangefinder's least signal quality, %, since ArduSub 4.5."""
 
 FRAMES: Final = {0.0: "bluerov1", 1.0: "vectored", 2.0: "vectored_6dof"}
 """Names of FRAME_CONFIG's values."""
@@ -106,7 +106,7 @@ def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
 def motor_outputs(parameters: Mapping[str, float]) -> tuple[int, ...]:
     """Return by motor which output drives it, from 1, by the FUNCTIONS that are known; 0 for none.
 
-    An output whose function is not known is taken for the motor of its number.
+    An output whose function is not known counts as the motor of its number.
     """
     numbers = sorted(range(len(FUNCTIONS)), key=lambda number: FUNCTIONS[number] in parameters)
     drives = {parameters.get(FUNCTIONS[number], FIRST_MOTOR + number): number + 1 for number in numbers}

@@ -20,7 +20,7 @@ class Freshness:
     def __init__(self) -> None:
         self._last_s: dict[type[Event], float] = {}
         self._strange: dict[type[Event], int] = {}
-        """Of each kind, how many in a row."""
+        """Strange stamps in a row, by kind of event."""
         self._offset_s = math.inf
         """The most by which a stamp was ahead of our clock; infinite before the first."""
 

@@ -133,7 +133,7 @@ GLOBAL_FRAMES: Final = {
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT: False,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: False,
 }
-"""Whether an altitude is over the sea, not over the surface of the water that is dived in."""
+"""Whether an altitude is over the sea, not over the surface of the water."""
 
 
 def position_target(m: Message, t_s: float, origin: GlobalOrigin | None = None) -> Iterator[Event]:

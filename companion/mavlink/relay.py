@@ -29,7 +29,7 @@ MAX_LOOKS_A_TICK: Final = 2 * MAX_LOOKS
 """More beginnings of frames either way in one tick, or more than MAX_BYTES, are a flood, and dropped."""
 
 MAX_FRAMES_A_TICK: Final = 64
-"""Of the pilot's, for the engine."""
+"""The pilot's frames that the engine gets."""
 
 HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 MANUAL_CONTROL: Final = mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL

@@ -249,7 +249,7 @@ def _depth(seen: Observed, config: Config) -> Finding:
         return Finding(REFUSED, f"no fresh depth from {source}", fix)
     late = f"{1e3 * max(0.0, delays.telemetry_s):.0f} ms" if delays.telemetry_known else "not measured"
     gravity = seen.parameters.get("BARO_SPEC_GRAV", math.nan)
-    return Finding(GOOD, f"{seen.state.eta[Z]:.2f} m from {source}, late by {late}; density {gravity:g}")
+    return Finding(GOOD, f"{seen.state.eta[Z]:.2f} m from {source}, late by {late}; water {gravity:g} kg/L")
 
 
 @_row("EKF origin", "relative_alt shifts permanently by about 0.1 m if it is set under water")

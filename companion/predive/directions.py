@@ -19,7 +19,7 @@ from companion.core.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, int
 from companion.records import AXES, Array, AxisCommand
 
 PULSE_S, REST_S, FIT_S = 0.3, 1.2, 1.0
-"""Of each way of a pulse; the rest after it; and how long after its start the answer is looked at."""
+"""Time of a pulse each way, of the rest after it, and from its start to the end of the fit."""
 DEMANDS: Final = {"surge": 0.2, "sway": 0.2, "heave": 0.2, "yaw": 0.12}
 """Tuned, as those times, so that waves of tests/closed_loop/test_inspection.py hide no reversed motor."""
 INERTIA_TILT: Final = (0.45, 0.37)

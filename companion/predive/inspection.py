@@ -142,7 +142,7 @@ class Inspection:
         if self._known.origin_known:
             note = "was already set and is unchanged"
         elif not depth_m < SURFACE_M:
-            note = f"was not set: the vehicle is dived ({depth_m:.1f} m); surface first"
+            note = f"was not set: the vehicle is under water ({depth_m:.1f} m); surface first"
         else:
             self._out.append(self._autopilot.set_origin(latitude_deg, longitude_deg))
             yield from self._wait(TRY_S, lambda: self._known.origin_known)

@@ -57,8 +57,8 @@ class Condition(IntFlag):
     )
     OTHER_FIRST = (
         "another Holdfast with our ids was here first",
-        "frames of our ids that are not ours, or answers to them, within 3 s of its first contact; or they "
-        "steer for more than 3 s. If two came together, neither steers",
+        "another program used our ids when we came (frames or answers within 3 s of our first contact), or "
+        "steers with them for more than 3 s. If two came together, neither steers",
         "end one of the two: BlueOS extension, service, or run on another computer",
         "the other Holdfast, which was here first, has gone",
         "the end of the other Holdfast",

@@ -96,9 +96,9 @@ class LoopHealth(msgspec.Struct, frozen=True):
     """Datagrams of others than the links' peers."""
     peer_changes: int = 0
     left_out_bytes: int = 0
-    """Of floods on the links."""
+    """Bytes of floods on the links that were dropped."""
     errors: int = 0
-    """Of what runs beside the tick."""
+    """Errors in what runs beside the tick."""
 
 
 class ControlSample(msgspec.Struct, frozen=True):
@@ -117,7 +117,7 @@ class ControlSample(msgspec.Struct, frozen=True):
     loop: LoopHealth
     guided: Guided = Guided("", 0)
     angles_d: Angles = LEVEL
-    """Of roll and pitch, at which they are held."""
+    """Roll and pitch at which they are held, rad."""
     texts: tuple[StatusText, ...] = ()
     """What the autopilot said since the tick before."""
     refused: str = ""

@@ -23,7 +23,7 @@ class Engagement:
     def __init__(self, *, arm: bool) -> None:
         self._arm = arm
         self._verdict, self._mode, self._details = JUST_STARTED, -1, NO_DETAILS
-        """Of the last tick."""
+        """The last tick's."""
         self.refused = ""
         """Why the engage button was refused in this tick."""
         self._wanted = False

@@ -9,7 +9,7 @@ from enum import Enum, auto
 from companion.telemetry.modes import Mode
 
 SETTLE_S = 1.0
-"""Of neutral frames in STABILIZE: the vehicle comes to rest."""
+"""Neutral frames in STABILIZE last so long: the vehicle comes to rest."""
 REFUSED_S = 8.0
 """Twice what the way takes: a ramp, the second of neutral, and two modes, each confirmed within a second."""
 KEEP_ALIVE_S = 1.0

@@ -44,14 +44,14 @@ STEADY_S = 60.0
 RECOVERS_PER_S = 0.1
 """What a second with full authority takes off what was lost."""
 RECOVERS_S = 5.0
-"""After a motor was found dead or reversed: until then it turned the vehicle, and now that is turned back."""
+"""After a motor was found dead or reversed the vehicle may be off track so long: it is turned back."""
 UNSATURATED_COUNTS = 0.5
-"""In waves the thrust is cut off for a part of each one: a third of the time is not enough thrust."""
+"""Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
 DEPTH_HELD_M = 0.3
 """A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
 OTHER_S = 3.0
-"""Another Holdfast that is heard sooner after our contact was first; unheard for so long, it has gone. One
-that came later steers no longer than this, or believes itself to be first."""
+"""A Holdfast heard within this time of our first contact was there before us. After this time without a frame
+it has left. One that came after us gives way within this time."""
 LISTENS_S = 1.0
 """So long another Holdfast takes at most to be heard: nobody engages sooner after the contact."""
 

@@ -39,13 +39,13 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     doubts_range: bool = False
     dofs: Dofs | None = None
     finite: bool = True
-    """Of the last tick: what it computed, and whether that was finite."""
+    """Whether all that the last tick computed was finite."""
     misses_motor: bool = False
     """Whether the others cannot do the work of a motor that gives no thrust."""
     full_override: bool = False
     """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
     details: Details = NO_DETAILS
-    """Of PREFLIGHT_FAILURE the rows of `check` that forbid engaging, of LINK_LOST what arrives instead."""
+    """For PREFLIGHT_FAILURE the rows of `check` that forbid engaging; for LINK_LOST what arrives instead."""
 
 
 class Watched(msgspec.Struct, kw_only=True):

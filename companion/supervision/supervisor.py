@@ -22,7 +22,7 @@ LATCHED = (S.FAULT, S.PILOT)
 """States that outlast their cause."""
 FREE = (S.IDLE, S.READY)
 RESUME_S = 0.3
-"""From zero to full authority after an interruption that was ridden out."""
+"""From zero to full authority after a short interruption."""
 JUST_STARTED = Verdict(S.IDLE, NOTHING, 0.0, "just started")
 
 
@@ -90,7 +90,7 @@ class StateMachine:
         self._risen, self._resumed = 0.0, 1.0
         """The authority of the time since engaging, and that of the time since the last interruption."""
         self._reason, self._cause = self._verdict.reason, NOTHING
-        """Of the last transition: why, and the one condition that it was for."""
+        """Why the last transition came, and its condition."""
         self._ended = self._remedy = ""
         """Why control ended, until it begins again; what there is to do, for what was judged last."""
         self._judged: tuple[State, Condition, Details] | None = None

@@ -44,7 +44,7 @@ STATES: dict[str, StateWords] = {
         "info",
         "keep watch; a full stick, a mode change or disarming gives the pilot control at once",
     ),
-    State.RAMP_DOWN: StateWords("letting go", "warning", "wait until the thrust is zero"),
+    State.RAMP_DOWN: StateWords("releasing", "warning", "wait until the thrust is zero"),
     State.HAND_OVER: StateWords(
         "handing over to ALT_HOLD", "warning", f"wait, take over with a stick, or {RELEASE}"
     ),

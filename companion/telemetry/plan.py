@@ -14,7 +14,7 @@ from companion.telemetry.fields import means
 from holdfast import validation
 
 MAX_SEGMENTS = 1000
-"""Of a path: straight lines with their corners. More take longer than a dive."""
+"""Largest number of straight lines of a path, with their corners. More take longer than a dive."""
 
 Optional = msgspec.UnsetType
 Depth = Annotated[ranges.Depth, means("below the surface; without it, the depth of the start")]

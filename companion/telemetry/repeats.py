@@ -1,7 +1,7 @@
 """How many lines of one cause are told: a flood, such as of refused commands, may not fill disk and page."""
 
 MOST, WITHIN_S = 10, 10.0
-"""Of one cause so many lines pass within this time, from its first; the others are counted."""
+"""So many lines of one cause pass within this time of the first; the others are counted."""
 
 
 def cause(text: str) -> str:

@@ -344,7 +344,7 @@ def encoding(schema: type[msgspec.Struct]) -> str:
 ENCODINGS = {tail: encoding(schema) for tail, schema in _DECODED.items()} | {
     "raw": "application/msgpack;holdfast.Raw.v1"
 }
-"""Of all that is published, by what follows the vehicle in its key."""
+"""Every published schema, by what follows the vehicle in its key."""
 
 
 def published(vehicle: str, tail: str) -> tuple[str, str]:

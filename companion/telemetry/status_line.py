@@ -24,7 +24,7 @@ def status_line(sample: ControlSample) -> str:
     parts = (
         f"depth {'not measured' if state.stale[Z] else depth}",
         f"heading {'not measured' if state.stale[PSI] else heading}",
-        f"delays {telemetry} + {command}, {sample.verdict.state}",
+        f"delays: telemetry {telemetry}, commands {command}; {sample.verdict.state}",
         f"{guided.kind}: {left}" if left else "",
         on_engaging(guided.pending),
     )

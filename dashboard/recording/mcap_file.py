@@ -42,7 +42,7 @@ MAX_CHANNELS = 256
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
 MAX_RECORD_BYTES = 1 << 23
-"""Of a record, packed or not: chunks of other writers have up to half of it."""
+"""Largest record, packed or not: chunks of other writers have up to half of it."""
 MAX_KEY_CHARS, MAX_TABLES = 4096, 64
 """Longer keys, and further tables about the recording, are passed over."""
 

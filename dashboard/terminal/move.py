@@ -52,7 +52,7 @@ OPTIONS = {
     "pitch_deg": ("--pitch",),
     "speed_mps": ("--speed",),
 }
-"""Of `goto`, by the field of its command."""
+"""Options of `goto`, by the field of its command."""
 
 
 def goto(argv: list[str]) -> int:

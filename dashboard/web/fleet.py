@@ -26,7 +26,7 @@ SHOWN = (
     *("dead_motor", "reversed_motor", "guidance"),
     *("path_progress_m", "path_length_m", "path_left_m", "path_left_s"),
 )
-"""Of State, what is no row."""
+"""Fields of State that are no row."""
 
 _TRUTHS = 64  # over a second
 _TRUTH_APART_S = 0.5  # else the clocks are not the same

@@ -12,7 +12,7 @@ SHARED = (
     *("DEAD_MOTOR", "REVERSED_MOTOR", "ELSEWHERE", "LATE"),
     *("LINK_LOST", "NO_DATA", "NO_VEHICLE", "SERVER_SILENT"),
 )
-"""Of the glossary, what the page says where the server cannot tell it."""
+"""Words of the glossary that the page says where the server cannot."""
 
 
 def module() -> str:

@@ -34,7 +34,7 @@ OPTIONS = {"error_model": "numpy"}
 """Floats do not raise. Without `fastmath` a product and a sum are rounded twice, as in Python."""
 
 KEPT_FOLDERS = 4
-"""Of compiled code; those of older sources are removed."""
+"""Folders of compiled code that are kept; older ones are removed."""
 
 
 class PythonFunction(types.Dispatcher):
@@ -49,7 +49,7 @@ class PythonFunction(types.Dispatcher):
 
     @property
     def key(self) -> Any:
-        """By which types are told apart."""
+        """What tells types apart."""
         return self.name
 
     @property

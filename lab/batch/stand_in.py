@@ -40,7 +40,7 @@ ARMED_S, ENGAGED_S = 2.04, 3.04
 
 TICK_S = INPUT_PERIOD_S
 STEPS = round(TICK_S / STEP_S)
-"""Of the plant, in a tick."""
+"""Steps of the plant in a tick."""
 
 NORMALS, OF_PLACE = 13, 6
 """Drawn for a tick by two streams; of the second are the place's slow noise, and its white."""

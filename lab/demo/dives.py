@@ -48,7 +48,7 @@ def dive_holdfast(story: Story, compensator: str, firmware: Path | None, tell: T
     """Dive with the companion's engine and this compensator on all axes; empty: the shipped one.
 
     Times of the dive count from arming, here and below. Raises ValueError where the vehicle does not arm or
-    the engine let go of it.
+    the engine released it.
     """
     config = load_config(overrides=[f"{axis}.compensator={compensator!r}" for axis in AXES if compensator])
     start = story.setpoint(story.depth_m)
@@ -65,7 +65,7 @@ def dive_holdfast(story: Story, compensator: str, firmware: Path | None, tell: T
             elif step.t_s > ARMS_WITHIN_S:
                 raise ValueError(f"the vehicle does not arm: {step.sample.verdict.reason}")
             if t_s > story.waves_s and step.sample.verdict.state is not State.ACTIVE:
-                raise ValueError(f"the controller let go of the vehicle: {step.sample.verdict.reason}")
+                raise ValueError(f"the controller released the vehicle: {step.sample.verdict.reason}")
     return _since_arming(recorded(steps))
 
 

@@ -57,7 +57,7 @@ PUBLISHED: Final = {
     "voltage": ("voltage_v",),
 }
 """Fields of the published state by the stream that they fill."""
-HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to them is taken for inertia"
+HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to them looks like inertia"
 ESTIMATES: Final = "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
 MAX_TOPIC = 60
 """So much of a topic is quoted."""

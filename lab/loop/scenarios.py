@@ -82,7 +82,7 @@ def water(
     tether_s: float | None = None,
     load_n: float | None = None,
 ) -> SimConfig:
-    """Return a vehicle in other water; what is not given stays, and a size of zero is none of it.
+    """Return a vehicle in other water; what is not given stays, and a size of zero switches it off.
 
     Args:
         vehicle: and the water that it has.

@@ -18,7 +18,7 @@ from lab.study import known
 TUNED_FILE = Path(__file__).with_name("tuned.toml")
 WIDTH = 6.0
 FIRST_SEED = 1000
-"""Of the benches: no search sees a seed from here on."""
+"""First seed of the benches: no search sees a seed from here on."""
 
 DEFAULT = "default"
 PLACE = ("surge", "sway")

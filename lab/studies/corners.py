@@ -38,7 +38,7 @@ DEPTH_M, START_M = 2.5, 0.5
 LONGEST_S = 3.0
 """A limit cycle that lasts longer has not been ended."""
 PLACES = ("north", "east", "depth", "heading", "roll", "pitch")
-"""Of the demands."""
+"""The axes of the demands."""
 SHARE, SLOWEST_HZ, WINDOW_S, SEA_COUNTS, TICK_S = 0.12, 0.4, 1.25, 1.5, 0.02
 
 

@@ -210,7 +210,7 @@ class FaultDives(Study[FaultDive]):
             "fault",
             "dives",
             "held on",
-            "let go",
+            "released",
             "neutral after s, median",
             "worst",
             "promises broken",

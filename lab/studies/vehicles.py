@@ -32,7 +32,7 @@ def path(t_s: float) -> Setpoint:
 
 @dataclass(frozen=True)
 class Trial:
-    """What is dived: the vehicle in its water, the setpoint over time, and the link."""
+    """One dive: the vehicle in its water, the setpoint over time, and the link."""
 
     plant: SimConfig
     target: Callable[[float], Setpoint] = hold

@@ -24,7 +24,7 @@ REFUSED = {
 NO_SPACE_TEXT = "Only 0 items are supported; ArduSub: docs/sitl.md"
 
 HEADER = struct.Struct("<HBBBBBBI")
-"""Of MAVLink FTP: sequence, session, operation, size, what is answered, burst complete, padding, offset."""
+"""MAVLink FTP: sequence, session, operation, size, what is answered, burst complete, padding, offset."""
 NONE, TERMINATE, RESET, ACK, NAK = 0, 1, 2, 128, 129
 NOT_FOUND = bytes((10,))
 

@@ -9,7 +9,7 @@ CHECK_RC = 1 | 64
 CHECK_THROTTLE, SKIP_ANGLES = 32, 64
 """Bits of RC_OPTIONS."""
 THROTTLE_WITHIN_TRIM = 1
-"""Of THR_ARM_POS."""
+"""A value of THR_ARM_POS."""
 RECENT_S = 1.0
 """Sticks that have been silent for longer are not looked at."""
 

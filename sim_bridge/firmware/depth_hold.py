@@ -16,7 +16,7 @@ GAINS = ("PSC_POSZ_P", "PSC_VELZ_P", "PSC_ACCZ_P", "PSC_ACCZ_I")
 
 
 class DepthGains(NamedTuple):
-    """Of depth and climb rate (1/s), and of acceleration as the parameters state them."""
+    """Gains of depth and climb rate (1/s), and of acceleration as the parameters state them."""
 
     depth_p: float
     climb_p: float

@@ -57,7 +57,7 @@ class Sensed(NamedTuple):
     state: State
     """x, y, z (m, NED), unit quaternion body to NED, nu (m/s, rad/s, body)."""
     acceleration: Three
-    """Of the body over the ground, body axes (m/s²); gravity is taken off in the reply."""
+    """Acceleration over the ground, body axes (m/s²); the reply subtracts gravity."""
 
 
 def parse(packet: bytes) -> Asked | None:

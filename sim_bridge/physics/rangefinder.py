@@ -10,7 +10,7 @@ from sim_bridge.config import Seabed, SensorConfig
 from sim_bridge.physics.plant import State, down_axis
 
 LIMITS_M, WHITE_M, PERIOD_S = (0.3, 50.0), 0.01, 0.1
-"""Of a Ping, assumed: least and largest range, noise, and time between two."""
+"""A Ping, assumed: least and largest range, noise, and time between two."""
 
 STEEPEST_ECHO = 0.5
 """Cosine of the tilt from which it hears nothing. Assumed: a tilt of 60°."""

@@ -22,10 +22,10 @@ PA_PER_M = 9800.0
 NOISE_PERIOD_S = 0.01
 PRESSURE_PERIOD_S, PRESSURE_DELAY_S = 0.1, 0.065
 ACCEL_DELAY_S, ACCEL_WHITE_M_S2 = 0.038, 0.004
-"""Of SCALED_PRESSURE and RAW_IMU (docs/ardusub.md, "Telemetry")."""
+"""Delays and noise of SCALED_PRESSURE and RAW_IMU (docs/ardusub.md, "Telemetry")."""
 HISTORY_S = 0.6
 ACCEL_FILTER_DELAY_S = 0.01
-"""Of the accelerometer inside the firmware: INS_ACCEL_FILTER, 20 Hz."""
+"""Delay of the firmware's accelerometer filter: INS_ACCEL_FILTER, 20 Hz."""
 
 
 EARTH_NORTH_UT = 21.9
@@ -68,7 +68,7 @@ class Estimate(NamedTuple):
     position: tuple[float, float, float, float]
     """x, y, vx, vy (NED), meaningful with a DVL only."""
     range_m: float
-    """Of the rangefinder; NaN for no echo."""
+    """The rangefinder's range; NaN: no echo."""
     rise_m_s2: float
     """Acceleration upwards over the ground, from the filtered accelerometer, as the depth loop sees it."""
 

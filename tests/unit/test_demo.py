@@ -40,9 +40,9 @@ def test_what_a_part_is_worth_comes_from_the_figures() -> None:
     assert worth("It", with_it, with_it) == "It brings nothing (within 5 %): a, b, c, d."
 
 
-def test_a_vehicle_that_is_let_go_ends_the_demo_with_the_reason() -> None:
+def test_a_vehicle_that_is_released_ends_the_demo_with_the_reason() -> None:
     storm = dataclasses.replace(SHORT, current_m_s=3.0, wave_height_m=4.0)
-    with pytest.raises(ValueError, match="the controller let go of the vehicle: "):
+    with pytest.raises(ValueError, match="the controller released the vehicle: "):
         dive_holdfast(storm, "", None, lambda _: None)
 
 

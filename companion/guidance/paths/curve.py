@@ -24,7 +24,7 @@ from companion.steps import Steps
 
 Point = tuple[float, float, float]
 APART_M = 1e-6
-"""Of two nodes; the places of a path are a thousand times further apart."""
+"""Least distance of two nodes; the places of a path are a thousand times further apart."""
 
 
 class Node(NamedTuple):
@@ -62,7 +62,7 @@ class PathCurve:
 
     @property
     def length(self) -> float:
-        """Of the whole curve, m."""
+        """Length of the curve, m."""
         return self._s[-1]
 
     @property

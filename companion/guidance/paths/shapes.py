@@ -28,11 +28,11 @@ from companion.steps import Steps, finish
 from companion.telemetry.plan import MAX_SEGMENTS, Circle, LawnMower, Lemniscate, PathPlan, Waypoint
 
 CORNER_NODES, TURN_NODES, LEMNISCATE_NODES = 12, 24, 96
-"""Of a rounded corner, a whole turn of a circle, a lemniscate: closer than 0.01 % of the radius."""
+"""Nodes of a rounded corner, a turn of a circle, a lemniscate: within 0.01 % of the radius."""
 SHARPEST_RAD = math.radians(120.0)
 """A sharper corner is no turn: the path stops there, and goes back."""
 SHORTEST_M = 1e-3
-"""Of a line: a thousand times `curve.APART_M`."""
+"""Shortest line: a thousand times `curve.APART_M`."""
 
 
 class Leg(NamedTuple):

@@ -26,9 +26,9 @@ from companion.steps import Steps
 ALONG, ACROSS = 0.6, 0.8
 """Shares of the acceleration: 0.6² + 0.8² = 1."""
 MARGIN = 0.97
-"""Of speed and acceleration: with it each path of tests/unit/test_paths.py stays within its limits."""
+"""Share of speed and acceleration: with it each path of tests/unit/test_paths.py stays within its limits."""
 DRAG_SHARE = 0.7
-"""Of an axis' force, for the drag of its own speed in still water; the rest is for current and control."""
+"""Share of an axis' force for the drag in still water; the rest is for current and control."""
 TINY = 1e-9
 STEPS = 4
 """Points of the grid between two nodes: a corner of 12 nodes has 48."""
