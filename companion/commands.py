@@ -36,14 +36,14 @@ Stop with Ctrl-C; Holdfast then sends neutral frames. `holdfast watch` shows the
 
 THRUSTERS_MOVE = """\
 The vehicle will move: pulses of a fifth of the thrust on each axis in turn, for eight seconds. If nobody has
-armed it, it is armed for that. It must be dived, with a metre of free water around it.
+armed it, it is armed for that. It must be under water, with a metre of free water around it.
 """
 
 CHECK_EXAMPLES = """\
 examples:
   holdfast check                                listen for about five seconds, then print the list
   holdfast check --set-origin 47.40,8.55        at the surface: also set the EKF origin
-  holdfast check --thrusters                    dived: small pulses on each axis, eight seconds; it arms the
+  holdfast check --thrusters                    under water: small pulses on each axis, 8 s; it arms the
                                                 vehicle for that, if nobody has, and disarms it again
   holdfast check --json --set link.endpoint=tcp:127.0.0.1:5760
 
@@ -185,7 +185,7 @@ def check(argv: list[str]) -> int:
     _add_flags(
         parser,
         json="for scripts: print JSON instead of the table",
-        thrusters="send a pulse on each axis: the vehicle MOVES; it must be dived",
+        thrusters="send a pulse on each axis: the vehicle MOVES; it must be under water",
         yes="do not ask before --thrusters moves it",
     )
     parser.add_argument(
@@ -232,7 +232,7 @@ def identify(argv: list[str], conclude: "Conclude") -> int:
         "Holds the vehicle as `holdfast run` does, and moves each axis to and fro in turn, half "
         "a minute each: the vehicle MOVES, up to 0.5 m and 50°, with small pushes. It always moves heave "
         "and yaw, and surge and sway where a position is measured. From the motion it finds mass, "
-        "damping, buoyancy, lag, motor start and delay, each with its doubt, and writes a vehicle file.",
+        "damping, buoyancy, lag, motor start and delay, each with its deviation, and writes a vehicle file.",
         IDENTIFY_EXAMPLES,
     )
     _add_config(parser)

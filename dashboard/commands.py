@@ -26,7 +26,7 @@ def _order(name: str, purpose: str, command: str, **what: object) -> Callable[[l
 dashboard = _command("web.command", "main", "Serve a web page with plots, horizon, events and tuning.")
 watch = _command("terminal.watch", "main", "Show a vehicle's state in the terminal, live over Zenoh.")
 engage = _order("engage", "Let Holdfast take control, and hold the vehicle where it is.", "engage")
-release = _order("release", "Give every axis back to the pilot, at once.", "release")
+release = _order("release", "Give every axis back to the pilot, within a second.", "release")
 hold = _order("hold", "Stop a path or a move, and hold the vehicle here.", "path", action="hold")
 tell = _command("terminal.tell", "main", "Send a command to a vehicle over Zenoh, and print the answer.")
 goto = _command("terminal.move", "goto", "Send a vehicle to a place.")

@@ -19,8 +19,8 @@ if (Path(__file__).parent / "companion").is_dir():
     sys.path.insert(0, str(Path(__file__).parent))
 
 ABOUT = """\
-Holdfast keeps an ArduSub ROV at a setpoint or on a path, against currents, waves, the pull of a
-tether and an unknown load. It runs on the companion computer and speaks MAVLink. Start with
+Holdfast holds an ArduSub ROV still, or moves it along a path, in currents and waves, with a
+pulling tether and an unknown load. It runs on the companion computer and speaks MAVLink. Start with
 `holdfast demo`, a simulated dive. `holdfast init` writes a configuration for your vehicle.
 
   ArduSub, or `holdfast sim`  <-- MAVLink -->  `holdfast run`  -- Zenoh -->  `holdfast watch`

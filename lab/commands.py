@@ -76,7 +76,7 @@ def _study(name: str, argv: list[str], examples: str) -> int:
 
 
 def demo(argv: list[str]) -> int:
-    """Dive a minute: what the pilot has today, beside Holdfast."""
+    """Simulate a dive with ALT_HOLD and with Holdfast, for a minute."""
     from lab.demo.demo import main
 
     return main(argv)

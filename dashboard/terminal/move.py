@@ -23,7 +23,7 @@ examples:
   holdfast goto --pitch 20                            hold the bow up by 20 degrees; 0 is level
   holdfast goto --altitude 1.5                        keep 1.5 m over the ground, until --depth
 
-What is not given stays. north and east need a position source, such as a DVL, and
+Omitted coordinates stay. north and east need a position source, such as a DVL, and
 altitude a rangefinder that looks down. Roll and pitch need a frame that can pitch (vectored_6dof) in MANUAL.
 Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 """
@@ -89,7 +89,7 @@ def follow(argv: list[str]) -> int:
     add_connect(parser)
     parser.add_argument("words", nargs="*", metavar="[VEHICLE] FILE", help="ends in .toml or .plan")
     action = parser.add_mutually_exclusive_group()
-    actions = {"pause": "wait", "resume": "go on", "hold": "stop and hold here; --resume goes on"}
+    actions = {"pause": "pause it", "resume": "continue it", "hold": "stop and hold here; --resume goes on"}
     for name, purpose in actions.items():
         action.add_argument(f"--{name}", dest="action", action="store_const", const=name, help=purpose)
     parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")

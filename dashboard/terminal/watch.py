@@ -260,7 +260,7 @@ def _parser() -> argparse.ArgumentParser:
         "one line for each. Ctrl-C ends it. If the output is not a terminal, it prints one snapshot.",
         EXAMPLES,
     )
-    parser.add_argument("--name", default="", metavar="NAME", help="show only this vehicle, wholly")
+    parser.add_argument("--name", default="", metavar="NAME", help="show only this vehicle, in full")
     add_connect(parser)
     once = f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s"
     parser.add_argument("--once", action="store_true", help=once)

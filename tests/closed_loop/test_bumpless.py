@@ -1,4 +1,4 @@
-"""No step in thrust where somebody engages, lets go or changes the law: in nominal newtons of what is sent.
+"""No step in thrust where somebody engages, releases or changes the law: in nominal newtons of what is sent.
 
 With sensors that carry no noise: that alone makes 2 N a tick (RMS) of any law.
 """

@@ -49,7 +49,7 @@ def states(steps):
 
 
 def test_the_heavy_holds_a_place_in_a_current_and_waves_by_manual_control():
-    """Without levelling it lay on its side 2 s after engaging, was let go and disarmed."""
+    """Without levelling it lay on its side 2 s after engaging, was released and disarmed."""
     gain = ("parameters.JS_GAIN_DEFAULT=1.0",)
     by_manual_control, most_deg = ("vehicle.thrust_path=manual_control",), []
     for seed in (3, 2, 1):

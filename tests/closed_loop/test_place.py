@@ -1,4 +1,4 @@
-"""A place in a current: held where thrust allows, and let go without disturbing depth and heading."""
+"""A place in a current: held where thrust allows, and released without disturbing depth and heading."""
 
 import numpy as np
 import pytest

@@ -18,7 +18,7 @@ DEPTH_S = ATTITUDE_S = 0.5
 
 ALT_HOLD = 2
 PILOT_TIMEOUT_S = 3.0
-"""ArduSub's own, after which it lets go of what it was last told."""
+"""ArduSub's own, after which it drops the last command."""
 
 
 @shared
@@ -200,7 +200,7 @@ def test_after_a_fault_the_operator_alone_brings_it_back(state):
 
 
 def test_the_vehicles_own_failsafe_covers_a_companion_that_died():
-    """No frame at all: ArduSub lets go of the last one by itself."""
+    """No frame at all: ArduSub drops the last one by itself."""
     dive = active()
     dive.tap.asleep_until_s = 1e9
     dive.run(PILOT_TIMEOUT_S + 1.0)

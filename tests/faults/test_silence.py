@@ -1,6 +1,6 @@
 """What falls silent is frozen at its last value and said to be absent; it starts anew when it comes back.
 
-A silence under a second, and a tick that is late by less, are ridden out: neutral, then on where it was.
+A silence under a second, and a tick that is late by less, only interrupt: neutral, then on where it was.
 """
 
 import itertools

@@ -98,7 +98,7 @@ def test_an_autopilot_that_reboots_is_not_armed_again_and_can_be_engaged_again()
 
 
 def test_a_link_that_comes_and_goes_is_not_engaged_through():
-    """Some silences are ridden out; there is an end to it."""
+    """Some silences only interrupt; too many end control."""
     dive = active()
     since_s = dive.t_s
     for _ in range(14):

@@ -1,4 +1,4 @@
-"""Two Holdfasts with the same ids on one vehicle: the younger one lets go, and both tell.
+"""Two Holdfasts with the same ids on one vehicle: the younger one releases, and both tell.
 
 Routers differ in what they pass on: a plain one gives everybody the others' frames, some give everybody his
 own back as well, mavlink-router and MAVProxy pass nothing on to where the same ids are, and ArduSub passes

@@ -1,7 +1,7 @@
 """`python -m tests.tools.soak --minutes 120`: everything at once, live, and whether anything grows.
 
 Simulator, companion, dashboard with one browser, recorder. Once a minute `holdfast tell` moves the setpoint,
-and engages again if the companion let go.
+and engages again if the companion released it.
 """
 
 import argparse

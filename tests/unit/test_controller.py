@@ -68,7 +68,7 @@ def test_the_observers_disturbance_is_met_where_it_is_chosen_and_bounded():
 
 
 def test_while_the_loop_swings_an_estimate_becomes_thrust_slowly_and_in_the_end_wholly():
-    """Its oscillation is drawn back; its mean stays compensated, or a load would sink the vehicle."""
+    """Its oscillation is reduced; its mean stays compensated, or a load would sink the vehicle."""
     c = at_rest(*each("observer"))
     load = np.array([5.0, -3.0, 15.0, 2.0])
     swinging = []

@@ -1,4 +1,4 @@
-"""A loop that swings by itself is noticed, and a sea, a load or a setpoint is not taken for it."""
+"""A loop that swings by itself is noticed, and a sea, a load or a setpoint is not."""
 
 import numpy as np
 import pytest

@@ -41,7 +41,7 @@ def test_one_vehicle_that_turned_over_fails_the_study_and_stands_in_the_table(la
     ids=str,
 )
 def test_a_vehicle_whose_lever_is_another_one_misses_no_motor(case):
-    """A moment of the water, or of a lever that is not there, was taken for a dead motor.
+    """A moment of the water, or of a lever that is not there, looked like a dead motor.
 
     The allocation around a motor that pushes turned the vehicle over, or tilted it by 27°.
     """
