@@ -41,7 +41,7 @@ def schemas() -> dict[str, bytes]:
 def pages() -> dict[str, str]:
     """Return the generated part of each page."""
     made = {"telemetry.md": _telemetry(), "configuration.md": _configuration()}
-    return {name: "\n".join(lines) + "\n" for name, lines in made.items()}
+    return {name: supervisor_page.wrapped("\n".join(lines)) + "\n" for name, lines in made.items()}
 
 
 def write() -> list[Path]:

@@ -2,6 +2,7 @@
 
 import math
 import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -109,7 +110,17 @@ Without link, depth or attitude Holdfast cannot control a ramp: it sends neutral
 def page() -> str:
     """Return the whole page."""
     parts = [HEAD, "## States\n", *_states(), "## Conditions\n", *_conditions(load_config().supervisor)]
-    return "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER]).replace(", button or dashboard", "")
+    text = "\n".join([*parts, INTERRUPTIONS, TILT, HAND_OVER]).replace(", button or dashboard", "")
+    return wrapped(text)
+
+
+def wrapped(text: str) -> str:
+    """Return Markdown whose lines end before column 120, but those of tables."""
+    lines = text.split("\n")
+    short = (
+        line if line.startswith("|") else textwrap.fill(line, 119, break_long_words=False) for line in lines
+    )
+    return "\n".join(short)
 
 
 def _states() -> Iterator[str]:
