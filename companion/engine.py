@@ -93,7 +93,7 @@ class Tick(NamedTuple):
 
     heard: Heard
     state: VehicleState
-    """In the frame inside."""
+    """The state in the frame inside."""
     demand: Demand
     dofs: Dofs
     guarded: Guarded
@@ -125,7 +125,7 @@ class Engine:
         self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)
         self.last: Tick | None = None
-        """With what follows, set by `step` at its end."""
+        """The last tick; `step` sets it and what follows at its end."""
         self.events: list[Event] = []
         """What the last tick took in."""
         self.applied = NEUTRAL

@@ -37,7 +37,7 @@ MAX_UNSENT_BYTES = 1 << 18
 MAX_INBOX = 4096
 TRUTH_PERIOD_STEPS = 4
 UNKNOWN_MODE = -1
-"""In the truth of `--physics-only`: the firmware does not tell its physics the mode."""
+"""Mode in the truth of `--physics-only`: the firmware does not tell its physics."""
 
 
 @dataclass(frozen=True)

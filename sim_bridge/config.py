@@ -64,7 +64,7 @@ class ThrusterConfig(_Record, frozen=True):
     start_s: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """A motor at rest, or one that must reverse, gives thrust so much later."""
     delay_s: Annotated[float, Meta(ge=0, le=1)] = 0.0
-    """From the autopilot's output to the motor; no message shows it."""
+    """Delay from the autopilot's output to the motor; no message shows it."""
     dead_band_us: Annotated[float, Meta(ge=0, le=50)] = 28.0
     gain: Annotated[tuple[NonNegative, ...], Meta(min_length=1, max_length=8)] = (1.0,)
     """Thrust relative to that curve: one for all, or one for each thruster."""
@@ -137,9 +137,9 @@ class Seabed(_Record, frozen=True):
 
     enabled: bool = False
     depth_m: Positive = 20.0
-    """Where north and east are 0; the waves take it for the depth everywhere."""
+    """Depth where north and east are 0; the waves have this depth everywhere."""
     slope: tuple[Slope, Slope] = (0.0, 0.0)
-    """By how much it falls for each metre north, and east."""
+    """Fall for each metre north, and east."""
     stiffness_n_per_m: Annotated[float, Meta(ge=0, le=20000)] = 2000.0
     damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)] = 200.0
     friction: Annotated[float, Meta(ge=0, le=2)] = 0.5
@@ -172,7 +172,7 @@ class Cable(_Record, frozen=True):
     diameter_m: Annotated[float, Meta(ge=0.001, le=0.1)] = 0.0076
     mass_kg_per_m: Positive = 0.043
     weight_n_per_m: float = -0.03
-    """In this water; negative floats."""
+    """Weight in this water; negative floats."""
     drag_across: NonNegative = 1.2
     drag_along: NonNegative = 0.01
     segments: Annotated[int, Meta(ge=2, le=50)] = 8

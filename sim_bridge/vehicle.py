@@ -39,7 +39,7 @@ class Truth(msgspec.Struct, frozen=True):
     body: Body
     state: State
     nu_dot: Six
-    """In the middle of the last step."""
+    """Acceleration in the middle of the last step."""
     thrust_n: tuple[float, ...]
     """Thrust of each thruster along its direction."""
     tau: Six

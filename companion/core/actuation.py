@@ -70,7 +70,7 @@ class ActuationMemory(NamedTuple):
     delivered: Vector
     """Body wrench that the last command, with the pilot's share, should have given, N and N·m."""
     saturated: Flags
-    """By degree of freedom, whether the law did not get what it asked for."""
+    """Whether the law did not get the force that it asked for, by degree of freedom."""
     dead_motor: int
     """Number of the motor around which is allocated; 0 for none."""
     reversed_motor: int
@@ -83,7 +83,7 @@ class Limits(NamedTuple):
     pace: Vector
     """The share of its largest rates."""
     off_track: Flags
-    """Where it starts again at the vehicle, which cannot follow."""
+    """Whether the reference starts again at the vehicle, which cannot follow."""
 
 
 NO_LIMITS = Limits(FULL, NONE)

@@ -33,7 +33,7 @@ MAX_MOMENT_SHARE = 0.5
 """Share of the largest levelling moment that righting may take at the angle; the rest is for waves."""
 
 STRAIGHT_RAD = math.radians(10.0)
-"""Beyond it what is learnt of the vehicle level does not hold."""
+"""Tilt beyond which what was learnt of the level vehicle does not hold."""
 
 LIMITS = reference.Parameters(max_rate=math.radians(20.0), max_acceleration=math.radians(20.0), angular=False)
 
@@ -46,7 +46,7 @@ class Held(NamedTuple):
 
 
 class Deviation(NamedTuple):
-    """From the held angles, about the body's axes, and how fast it grows: rad, rad/s."""
+    """Deviation from the held angles about the body's axes, rad, and its rate, rad/s."""
 
     roll: float
     pitch: float

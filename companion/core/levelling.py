@@ -38,7 +38,7 @@ from companion.core.schedule import LEAST_DELAY_S
 FILTER_S = 0.05
 INTEGRAL = 0.2
 MOST_TRIMMED_RAD = 0.1
-"""What the integral takes a tilt for at most: so a swing leaves no moment that pushes the other way."""
+"""Largest tilt that the integral counts: so a swing leaves no moment that pushes the other way."""
 
 DELAY_PHASE_RAD = 0.18
 """ω times the delay, rad: gain margin 2.3, phase margin 30° with a lag of 0.15 s."""
@@ -83,7 +83,7 @@ class Response(NamedTuple):
     """How what levels answers: the thrusters of heave do, and are taken to do it as they do in heave."""
 
     delay_s: float
-    """From sensor to motor."""
+    """Delay from sensor to motor."""
     gain: float
     """Relative to the nominal vehicle: its inertia is I/gain."""
     lag_s: float
@@ -112,7 +112,7 @@ class Lever(NamedTuple):
     """What was found of z: K = z Y + b in the mean over SLOW_S, as sums over MEMORY_S of what z was told."""
 
     lever_m: float
-    """In use, less what was told: it stays where it may be true."""
+    """The lever in use minus the configured one; it stays as long as it may be true."""
     moment: float
     force: float
     """K less the told z Y, and Y, over SLOW_S."""

@@ -102,7 +102,7 @@ BIAS_S, EXCUSED_BIAS_S = 60.0, 5.0
 TINY = 1e-12
 
 Five = tuple[float, float, float, float, float]
-"""By hypothesis 0 and the four motors of a group."""
+"""Values of hypothesis 0 and of the four motors of a group."""
 
 
 class Parameters(NamedTuple):
@@ -167,7 +167,7 @@ class Suspect(NamedTuple):
     fault: Fault
     lasts_s: float
     clear: float
-    """By what its time counts."""
+    """Factor by which its time counts."""
 
 
 class State(NamedTuple):

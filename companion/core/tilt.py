@@ -35,7 +35,7 @@ UNLEVELLED_N = 2.0
 """What is tried first where nobody keeps the vehicle from pitching."""
 
 FOLLOWS_M = 0.5
-"""So far the reference may be away while horizontal force is limited: it comes along, nothing is given up."""
+"""Largest distance of the reference while the horizontal force is limited; beyond it, it follows."""
 
 AHEAD_S = 0.3
 """A tilt is looked at so long before it is there: the thrusters' lag and the way to them, twice."""

@@ -23,7 +23,7 @@ FINE = 16.0
 """A signal whose changes are usually so many times the least one is not rounded: a rounded one may rest."""
 
 CHANGES = 10.0
-"""So many changes make the usual one, as a geometric mean: it follows a motion that comes to rest."""
+"""The usual change is a geometric mean over so many: it follows a motion that comes to rest."""
 
 MEMORY_S, STANDING_S = 2.0, 10.0
 """How long a motion is remembered, and one during which the position stays: a small error of a rate shall not

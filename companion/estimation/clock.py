@@ -22,10 +22,10 @@ MAX_ROUND_TRIP_S = 1.0
 """An answer that took longer says nothing of the clock."""
 
 ANSWERED_S = 5.0
-"""So long after the last answer its clock may be held against a stamp; later the clocks have drifted."""
+"""A stamp may be compared with the clock for this time after an answer; later the clocks have drifted."""
 
 SETTLED_S = 1.0
-"""So long after the last contradiction the clock is believed again."""
+"""After this time without a contradiction the clock is believed again."""
 
 QUESTIONS_S = 1.0
 """The quickest TIMESYNC question of this time tells how long a message travels to the autopilot now."""

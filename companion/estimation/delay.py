@@ -27,7 +27,7 @@ PAUSE_S = 0.1
 """What comes first after a longer pause was late with it: it counts for so long, and not for the pause."""
 
 COMMANDS = 128
-"""So many of the last are compared with what the motors did: 2.5 s of them at 50 Hz."""
+"""Number of the last commands that are compared with the motors: 2.5 s at 50 Hz."""
 
 SLEW = 0.05
 """Seconds of command delay a second: the law's horizon moves, it does not jump."""

@@ -64,7 +64,7 @@ JUMP_BELIEVED_S = 2.0
 short interruption may, is accepted."""
 
 ARMING_S = 0.5
-"""So soon after arming the zero of depth is the autopilot's, which sets it then."""
+"""The autopilot sets its zero of depth within this time of arming: no reset."""
 
 NOTHING = (math.nan, math.nan)
 """No value, of no time."""

@@ -49,7 +49,7 @@ BANDS = ((1.0, 0.15), (4.0, 0.05))
 COURSE_MEMORY_S = 10.0
 
 COURSE_REPORTED_RAD, COURSE_LOST_RAD = math.radians(30.0), math.radians(40.0)
-"""From where the course is reported to differ, and from where a place is not held."""
+"""Angles from which a course is reported, and from which a place is not held."""
 
 LEAST_COHERENCE = 0.05
 LEAST_RESPONSE = 0.35
@@ -130,7 +130,7 @@ class _Band:
 
     @property
     def off(self) -> _Off:
-        """By how much the heading is off."""
+        """The error of the heading."""
         coherence = min(abs(self._uv) ** 2 / (self._uu * self._vv), 1.0) if self.seen else 0.0
         if coherence < LEAST_COHERENCE or abs(self._uv) < LEAST_RESPONSE * self._uu:
             return _Off()

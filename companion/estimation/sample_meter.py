@@ -52,7 +52,7 @@ MOVING = 0.05
 """m/s, rad/s: where a is less, what moves the vehicle is noise that went around the loop, and misleads."""
 
 RAW_LATER_S = 0.053
-"""So much older than climb is a barometer, which no EKF brings forward (docs/ardusub.md, "Telemetry")."""
+"""Lateness of a raw barometer beyond climb: no EKF brings it forward (docs/ardusub.md, "Telemetry")."""
 
 START_SPREAD = 0.005
 """m, rad: standard deviation of e to begin with."""

@@ -26,7 +26,7 @@ CORRELATED_S = 1.0
 """Correlation time of what is no current; on a real BlueROV2 Heavy in a tank 0.6 to 0.8 s."""
 
 TETHER_N = 2.0
-"""As much as the simulated tether pulls with, 1 to 2 N."""
+"""Pull of a tether: the simulated one pulls with 1 to 2 N."""
 
 DAMPING_SHARE = 0.2
 """Share of the velocity through the water that is in doubt, because the damping is."""
@@ -56,7 +56,7 @@ class Water:
 
     @property
     def drift(self) -> complex:
-        """By how much the measured velocity is wrong if the current is the usual one, north + i east, m/s."""
+        """Error of the measured velocity if the current is the usual one, north + i east, m/s."""
         more = complex(self._mean.north, self._mean.east) - self._usual
         return more if abs(more) < DRIFT_MPS else DRIFT_MPS * more / abs(more)
 

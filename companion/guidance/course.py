@@ -110,7 +110,7 @@ class Course:
 
     @property
     def destination(self) -> Vector:
-        """Where a move goes, NaN where none does, and of a step from here before it begins."""
+        """End of a move; NaN without one, and for a step from here before it begins."""
         return self.place if self.place_from == "local" and not self.done else UNSET
 
     def kind(self, *, waits: bool, holds: bool) -> str:

@@ -17,7 +17,7 @@ from companion.records import Setpoint, Vector, Z, vector
 
 Interval = tuple[float, float]
 MARGIN_M = 0.1
-"""So that the vehicle stays inside: its reference overshoots by 2 cm, and it is off that by some more."""
+"""Distance of the reference from the fence: it overshoots by 2 cm, and the vehicle is off by some more."""
 BRAKING_SHARE = 0.35
 """Share of an axis' acceleration to stop before the fence with: the reference is late (REFERENCE_LAG_S)."""
 
@@ -97,7 +97,7 @@ class Bounds:
         self.fence, self.limits = fence_of(config), limits(config)
         surge, sway, heave, yaw = (axis.max_acceleration for axis in config.axes)
         self.max_acceleration: Vector = (min(surge, sway), min(surge, sway), heave, yaw)
-        """By DOF, in any heading."""
+        """Largest acceleration by DOF, in any heading."""
         surge, sway, heave, yaw = (axis.max_rate for axis in config.axes)
         self._max_rate: Vector = (min(surge, sway), min(surge, sway), heave, yaw)
 

@@ -23,7 +23,7 @@ class Target:
     def __init__(self, setpoint: Setpoint) -> None:
         self.asked = self.now = self.start = setpoint
         self.carries_until_s = -math.inf
-        """Until then `now` moves on by its own rate, which the ground station gave it."""
+        """Until this time `now` moves on at the rate that the ground station gave."""
 
     def ask(self, setpoint: Setpoint, offset: Offset) -> None:
         """Take a setpoint; where it says nothing, the target stays."""

@@ -56,7 +56,7 @@ class Fit:
     tables: tuple[str, ...]
     """Names."""
     thetas: Array
-    """By table: its own parameters differ."""
+    """Parameters by table: its own differ."""
     sigma: Array
     covariance: Array
     """Covariance of the shared parameters and of the first table's own."""

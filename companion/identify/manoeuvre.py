@@ -47,7 +47,7 @@ ENDING_S: Final = 15.0
 SLOWEST_S: Final = 12.0
 """Period with which each sweep begins."""
 PUSH_HZ: Final = (0.5, 2.5)
-"""From the first to the last, evenly."""
+"""Frequency of the pushes: from the first to the last, evenly."""
 
 STEEPEST_RAD: Final = math.radians(30.0)
 SHALLOWEST_M: Final = 1.2

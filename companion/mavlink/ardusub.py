@@ -43,7 +43,7 @@ PRESSURES: Final = (
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3,
 )
-"""By barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
+"""Names by barometer: BARO_PRIMARY, where ArduSub notes which one is in the water, counts from 0."""
 
 DIRECTIONS: Final = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 """Parameters by motor: below zero it is reversed."""

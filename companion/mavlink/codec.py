@@ -54,7 +54,7 @@ class Sent:
         self._frames, self._older = set[int](), set[int]()
         """Their hashes, in two generations."""
         self._asked: dict[int, int] = {}
-        """By ts1 of our TIMESYNC questions, oldest first: the first answer's tc1, 0 before it."""
+        """The first answer's tc1 (0 before it) by ts1 of our TIMESYNC questions, oldest first."""
         self._answered_ns = 0
         self._unasked_s: deque[float] = deque((-math.inf,) * 3, maxlen=3)
 

@@ -24,7 +24,7 @@ HEADER_BYTES: Final = 10
 SIGNATURE_BYTES: Final = 13
 PARTIAL_TIMEOUT_S: Final = 0.2  # 280 bytes at 57600 baud take 0.05 s
 MAX_FRAMES_LOOKED_AT: Final = 32
-"""In a datagram whose sender is not known yet."""
+"""Frames read of a datagram whose sender is not known yet."""
 
 HEADERS: Final = re.compile(rb"\xfd(?=.[\x00\x01]|.?\Z)", re.DOTALL)
 """Where a MAVLink 2 frame may begin: the marker, and flags that we know, unless those are cut off."""

@@ -33,7 +33,7 @@ WORDS: Final = {
     BARRED: ("datagrams of {}, which link.allow leaves out,", "add it to link.allow"),
     JUNK: ("bytes that are not MAVLink, {}", f"correct port or baud rate in link.endpoint, or {PROTOCOL}"),
 }
-"""By what arrives, the most telling first: what is said of it, and what helps."""
+"""What is said of an arrival, and what helps; the most telling first."""
 
 
 class Overheard:

@@ -24,7 +24,7 @@ EPOCH_S = 1_420_070_400
 UNITS_PER_S = 100_000
 MAX_TIMESTAMP = (1 << 48) - 1
 LATEST = MAX_TIMESTAMP - round(10 * 365.25 * 86400 * UNITS_PER_S)
-"""In 2094: ten years before the six bytes of a timestamp end."""
+"""A time in 2094: ten years before the six bytes of a timestamp end."""
 NEW_STREAM_UNITS = 60 * UNITS_PER_S
 """A sender not heard before may be so far behind our own timestamp."""
 

@@ -94,7 +94,7 @@ class Judge(NamedTuple):
 
 
 JUDGES: list[Judge] = []
-"""In the order of the list, which is that of this file."""
+"""The judges in the order of the list, which is that of this file."""
 
 
 def _row(

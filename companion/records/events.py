@@ -262,7 +262,7 @@ class Sender(Enum):
 
     STRANGER = auto()
     BEHIND = auto()
-    """To be greeted: our vehicle in MAVLink 1, or rightly signed and not new (a replay, or a wrong clock)."""
+    """A sender to greet: our vehicle in MAVLink 1, or rightly signed but not new (replay, wrong clock)."""
     EXPECTED = auto()
 
 

@@ -40,9 +40,9 @@ class Delays(msgspec.Struct, frozen=True):
     """What was measured of the loop's delays, seconds; `*_known` tells a measurement from a start value."""
 
     telemetry_s: float
-    """From the autopilot's stamp to arrival."""
+    """Delay from the autopilot's stamp to arrival."""
     command_s: float
-    """From sending to the motor's PWM."""
+    """Delay from sending to the motor's PWM."""
     telemetry_known: bool
     command_known: bool
     hidden_s: float = 0.0

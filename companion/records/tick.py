@@ -12,7 +12,7 @@ from companion.records.events import LinkCounters, StatusText
 from companion.records.state import VehicleState
 
 ENGAGE_S = 5.0
-"""So long a command or a button asks to engage: permitted later than that, it would come as a surprise."""
+"""A command or a button asks to engage for this time: later it would be a surprise."""
 
 
 class Request(IntEnum):
@@ -50,7 +50,7 @@ class Guided(msgspec.Struct, frozen=True):
     """Over the ground, that is kept; 0 for none, or none yet."""
     left_m: float = 0.0
     left_s: float = 0.0
-    """To the end of the path or the move, estimated; infinite where it has none."""
+    """Estimated time to the end of the path or the move; infinite if it has none."""
     pending: str = ""
     """What it does as soon as it engages, in words; empty: it holds where it is."""
 
@@ -123,7 +123,7 @@ class ControlSample(msgspec.Struct, frozen=True):
     refused: str = ""
     """Why the pilot's engage button was refused in this tick."""
     disarms_in_s: float = 0.0
-    """Until the autopilot disarms, as nobody steers; 0 where it does not."""
+    """Time until the autopilot disarms, as nobody steers; 0 if it does not."""
 
     @property
     def foreign(self) -> int:

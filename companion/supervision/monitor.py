@@ -40,7 +40,7 @@ ANNOUNCED_S = 2.0
 INNOVATION_MEMORY_S = 0.5
 """A single sample that is wrong is no failure: the mean is over 25 ticks."""
 STEADY_S = 60.0
-"""So long after an interruption the next one is not reported anew."""
+"""For this time after an interruption the next one is not reported anew."""
 RECOVERS_PER_S = 0.1
 """What a second with full authority takes off what was lost."""
 RECOVERS_S = 5.0
@@ -53,7 +53,7 @@ OTHER_S = 3.0
 """A Holdfast heard within this time of our first contact was there before us. After this time without a frame
 it has left. One that came after us gives way within this time."""
 LISTENS_S = 1.0
-"""So long another Holdfast takes at most to be heard: nobody engages sooner after the contact."""
+"""Another Holdfast is heard within this time of the contact; before it nobody engages."""
 
 NEVER = -math.inf
 

@@ -22,7 +22,7 @@ LATCHED = (S.FAULT, S.PILOT)
 """States that outlast their cause."""
 FREE = (S.IDLE, S.READY)
 RESUME_S = 0.3
-"""From zero to full authority after a short interruption."""
+"""Time from zero to full authority after a short interruption."""
 JUST_STARTED = Verdict(S.IDLE, NOTHING, 0.0, "just started")
 
 

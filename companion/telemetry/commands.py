@@ -21,7 +21,7 @@ MAX_BYTES = 4096  # ten times the longest that is no path
 MAX_PATH_BYTES = 1 << 18
 """A longer payload is refused unread."""
 MAX_VALUES = 7 * MAX_SEGMENTS + 100
-"""So is one of more values and brackets; a waypoint has six. Reading it takes less than a tick may."""
+"""A command of more values and brackets is refused; a waypoint has six. Reading it takes less than a tick."""
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Optional = msgspec.UnsetType

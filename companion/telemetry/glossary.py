@@ -67,7 +67,7 @@ HOLD_HERE = "hold here"
 NOBODY = "nobody steers: the autopilot disarms in {:.0f} s unless a pilot does"
 TO_DO = "to do"
 NO_DATA = "NO DATA"
-"""In the place of a state, where nothing new comes from the companion."""
+"""Shown in place of a state when nothing new comes from the companion."""
 PAST = "nothing new for {:.1f} s; this is the past"
 DEAD_MOTOR = "motor {} gives no thrust"
 REVERSED_MOTOR = "motor {0} pushes the other way: change the sign of MOT_{0}_DIRECTION"
@@ -123,7 +123,7 @@ def title(name: str) -> str:
 
 
 LINK_LOST = title(Condition.LINK_LOST.name or "")
-"""In the place of a state, where nothing comes from the vehicle."""
+"""Shown in place of a state when nothing comes from the vehicle."""
 
 
 def whole(text: str, vehicle: str, connect: str) -> str:

@@ -38,7 +38,7 @@ MAX_SAMPLE_BYTES = 1 << 20  # telemetry.session drops larger messages
 MAX_ENCODING_BYTES = 255
 """Zenoh itself ends a process that publishes with a longer one."""
 MAX_CHANNELS = 256
-"""In a file: keys, each with its encoding."""
+"""Largest number of keys in a file, each with its encoding."""
 FREE_BYTES, MAX_RATIO = 16 << 20, 30
 """A file may unpack to this, and to so many times what was read of it: ours take six times."""
 MAX_RECORD_BYTES = 1 << 23
@@ -169,7 +169,7 @@ class Reader:
 
     path: Path
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    """By name; of several tables with one name the first."""
+    """Tables by name; of several with one name the first."""
     whole: bool = False
     """The file ends as it should."""
     broken_chunks: int = 0

@@ -73,7 +73,7 @@ class DiveRecorder:
         self._about = {**about, "vehicle": vehicle}
         self._file: Recording | None = None
         self._again_s = math.inf
-        """Until a file is begun, by the calls of `each_second`; infinite while none is wanted."""
+        """Seconds until a file is begun, counted by `each_second`; infinite while none is wanted."""
         self._tables: dict[str, Mapping[str, str]] = {}
         self._messages = self._left_out = 0
         self._losses = Losses(ticks_per_sample)

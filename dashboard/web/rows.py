@@ -36,7 +36,7 @@ COLUMNS = (
     *TRUE_D,
     *LAMBDA,
 )
-"""In the order of a row. `z.e` is field e of dof/z; `true.z.d` is the simulator's, in the paper's sign.
+"""The fields of a row. `z.e` is field e of dof/z; `true.z.d` is the simulator's, in the paper's sign.
 `z.lambda_per_s` is the lambda in force, (eps - e_dot)/e: less than the configured one with long delays and
 after a limit cycle."""
 

@@ -32,7 +32,7 @@ class Story:
     step_m: float = 0.5
     load_n: float = 12.0
     waves_s: float = 5.0
-    """From here on it is measured."""
+    """Time from which on errors count."""
     path_s: float = 12.0
     load_on_s: float = 28.0
     load_off_s: float = 34.0

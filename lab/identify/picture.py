@@ -11,7 +11,7 @@ from companion.records import AXES, PSI, Array, Z
 from lab import style
 
 SHOWN_S = 40.0
-"""So much of the log in which most moves is drawn."""
+"""Length of the drawn part of the log, the one in which most moves."""
 
 
 def draw(tracks: Sequence[Track], thetas: Sequence[Array]) -> Figure:

@@ -60,7 +60,7 @@ PUBLISHED: Final = {
 HELD_IN_WAVES: Final = "where Holdfast held it in waves, thrust that answers to them looks like inertia"
 ESTIMATES: Final = "speeds are Holdfast's estimates; a recording with telemetry.raw = true has the sensors'"
 MAX_TOPIC = 60
-"""So much of a topic is quoted."""
+"""Characters of a topic that are quoted."""
 MAX_SILENCE_S: Final = 10.0
 """A longer silence of a .tlog, or a jump of its UTC, is shortened to this."""
 KINDS: Final = ".BIN, .tlog, .mcap, or a CSV with a column t_s"

@@ -33,7 +33,7 @@ MEASURED: Final = {
 COLUMNS: Final = (TIME, *STICKS, *chain.from_iterable(MEASURED.values()))
 SEPARATORS: Final = (";", "\t", ",", " ")
 UNITS: Final = ((2e6, 1e-9, "nanoseconds"), (2e3, 1e-6, "microseconds"), (2.0, 1e-3, "milliseconds"))
-"""By the least step between two rows: what it is in s, and its name. No vehicle is known by a row in 2 s."""
+"""Units by the least step between two rows: s, and name. No vehicle is known by a row in 2 s."""
 MAX_ROWS: Final = 1_000_000
 MAX_BACKWARDS: Final = 0.01
 """Share of rows that may be out of order, as where two tables were joined."""

@@ -35,7 +35,7 @@ STALE_S: Final = 1.5
 UNKNOWN: Final = (math.nan,) * 6
 MANUAL, STABILIZE = 19, 0
 DIRECT: Final[dict[float, tuple[float, ...]]] = {MANUAL: (1.0,) * 6, STABILIZE: (1.0, 1.0, 1.0, *UNKNOWN[3:])}
-"""By custom_mode the axes on which a stick is thrust."""
+"""The axes on which a stick is thrust, by custom_mode."""
 STATION, DEFAULT_STATION = ("PARAM_VALUE MAV_GCS_SYSID", "PARAM_VALUE SYSID_MYGCS"), 255.0
 TOGGLES: Final = ("NAMED_VALUE_FLOAT InputHold", "NAMED_VALUE_FLOAT RollPitch")
 """NAMED_VALUE_FLOATs that say whether a pilot's button keeps or redirects what MANUAL_CONTROL says."""

@@ -38,7 +38,7 @@ USED: Final = (*FIELDS, *NAMED)
 SAME_S: Final = 1.0
 """The same numbers under the same sequence number are one message that came twice, for so long."""
 STAMPED: Final = 8
-"""By so many numbers a message with the vehicle's stamp is known; MAVLink 1 cuts off the rest."""
+"""Numbers that tell a message with the vehicle's stamp; MAVLink 1 cuts off the rest."""
 BOOT_UNITS_S: Final = {"ATTITUDE": 1e-3, LOCAL: 1e-3, GLOBAL: 1e-3, OUTPUTS: 1e-6}
 WRAP_S: Final = 2.0**32 * 1e-6
 """SERVO_OUTPUT_RAW's stamp begins again."""

@@ -21,7 +21,7 @@ R = TypeVar("R", bound=msgspec.Struct)
 
 DEPTH_M = 2.5
 SETTLE_S = 12.0
-"""From boot: arming takes 3 s, then the dive to its place; nothing is measured before."""
+"""Time from boot until errors count: arming takes 3 s, then the dive to its place."""
 
 DROP_S = 20.0
 """When the load comes on, from the first arming; it stays."""

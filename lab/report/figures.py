@@ -10,7 +10,7 @@ import numpy as np
 from lab.report.log import Array, Columns, Log, StateSpan, between
 
 SETTLE_S = 3.0
-"""After engaging, this long is the way in and not counted as holding."""
+"""Time after engaging that does not count as holding."""
 
 
 class HeldAxis(NamedTuple):
@@ -21,7 +21,7 @@ class HeldAxis(NamedTuple):
     desired: str
     force: str
     scale: float
-    """From m or rad to `unit`."""
+    """Factor from m or rad to `unit`."""
     unit: str
     force_unit: str
     moving: float

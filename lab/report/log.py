@@ -26,7 +26,7 @@ ANGLES = ("heading", "heading_desired", "roll", "pitch")
 
 @dataclass(frozen=True)
 class StateSpan:
-    """From the supervisor's taking a state to its leaving it, or to a gap in the recording."""
+    """Time from entering a state to leaving it, or to a gap in the recording."""
 
     state: str
     begin_s: float
@@ -51,7 +51,7 @@ class Log:
 
     @property
     def duration_s(self) -> float:
-        """From the first tick to the last."""
+        """Time from the first tick to the last."""
         return float(self.keys["state"]["at_s"][-1])
 
     def engaged(self, at_s: Array) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ from sim_bridge.config import SimConfig, load_config
 GAINS, LAGS_S, DELAYS_MS, HIDDEN_MS = (1 / 3, 3.0), (0.0, 0.3), (0, 150), (0, 40)
 WATERS = ("calm", "waves")
 SETTLED_S, DURATION_S, ENGAGED_WITHIN_S = 60.0, 90.0, 10.0
-"""From engaging on: errors are measured, and the dive ends; it engages so soon."""
+"""Times after engaging when errors begin to count and the dive ends; longest time to engage."""
 
 DEPTH_M, START_M = 2.5, 0.5
 LONGEST_S = 3.0

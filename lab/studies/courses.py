@@ -30,10 +30,10 @@ from sim_bridge.fault_kinds import Fault
 
 DEPTH_M = 2.0
 START_S, LASTS_S = 25.0, 60.0
-"""From boot: arming, and back to the place from which the current carried it; then the course."""
+"""Time from boot for arming and the way back from where the current carried it; then that of the course."""
 
 SETTLES_S = 10.0
-"""After a thruster died its drift is not counted for so long."""
+"""Time after a thruster died in which its drift does not count."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from sim_bridge.config import load_config as load_plant
 
 SCENARIOS = ("waves", "path", "load", "calm")
 LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}
-"""By the delay that is added, ms: half of it each way, from the start, and not configured anywhere."""
+"""Links by the delay that is added, ms: half of it each way, from the start; no configuration says so."""
 
 HELD_FROM_S = 5.0
 SIMULATOR, FIRMWARE = "simulator", "firmware"

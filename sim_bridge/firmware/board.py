@@ -50,7 +50,7 @@ class Board:
     rc_receiver: bool
     """Whether the vehicle has an RC receiver, whose sticks rest."""
     links: dict[int, Link]
-    """By number: the dictionary that the vehicle fills."""
+    """Links by number: the dictionary that the vehicle fills."""
     keys: KeyStore
     rebooted: bool = field(kw_only=True)
     """It says what the firmware says as it boots. The first one has done so before anybody listened."""

@@ -23,7 +23,7 @@ WATER_CENTIDEGREES = 1500
 EKF_WITHOUT_POSITION = 1 | 2 | 4 | 32 | 128
 EKF_WITH_POSITION = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 EKF_DEAD_RECKONING = 1 | 2 | 4 | 8 | 32 | 256
-"""With odometry alone."""
+"""Flags of the EKF with odometry alone."""
 EKF_UNINITIALIZED = 1024
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 305265679, 304192527, 305241103
 """As the firmware tells them of a healthy vehicle."""

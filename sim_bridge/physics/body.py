@@ -85,7 +85,7 @@ class Physics:
         self.state: State = state_of(config.initial.eta, NO_WRENCH)
         """x, y, z (m, NED), unit quaternion body to NED, nu (m/s, rad/s, body)."""
         self.nu_dot: Six = NO_WRENCH
-        """In the middle of the last step (m/s², rad/s², body)."""
+        """Acceleration in the middle of the last step (m/s², rad/s², body)."""
         self._motors = NOT_DRIVEN
         self.health: Eight = HEALTHY
         """Scales the thrust of each: 0 is a dead thruster."""

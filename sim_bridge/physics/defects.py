@@ -13,7 +13,7 @@ class Defective:
     def __init__(self, config: Defects, step_s: float, rng: np.random.Generator) -> None:
         self.active = config != Defects()
         self.bias = 0.0
-        """In the instrument's unit."""
+        """Bias in the instrument's unit."""
         self.out = False
         """Whether there is no reading now."""
         self.late_s = 0.0

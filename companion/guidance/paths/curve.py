@@ -67,7 +67,7 @@ class PathCurve:
 
     @property
     def turn_rad(self) -> float:
-        """By how much ψ is larger after a lap of a closed curve."""
+        """Increase of ψ over a lap of a closed curve."""
         return self._values[-9] - self._values[3]
 
     def at(self, s: float) -> Node:
