@@ -344,7 +344,7 @@ def test_tuning_there_and_back(dive: Dive, opened: Callable[..., Page]) -> None:
     assert "must be 0.05 to 50" in (page.locator("#said").text_content() or "")
     gain.fill(str(before / 4.0))
     page.locator("#apply").click()  # asks
-    assert "More than twofold" in (page.locator("#said").text_content() or "")
+    assert "more than a factor of two" in (page.locator("#said").text_content() or "")
     assert _config(dive)["heave"]["kappa_per_s"] == before - 2.0
     page.locator("#apply").click()
     until(lambda: _config(dive)["heave"]["kappa_per_s"] == before / 4.0)
@@ -368,7 +368,7 @@ def test_the_pilot_moves_releases_and_engages(dive: Dive, opened: Callable[..., 
     assert page.locator("#goto-x_m").is_disabled()  # there is no position
     page.locator("#goto").get_by_text("a place").click()
     page.locator("#goto-go").click()
-    _wait(page, "document.querySelector('.needs').textContent.startsWith('Nothing is given')")
+    _wait(page, "document.querySelector('.needs').textContent.startsWith('Fill in')")
     page.locator("#goto-depth_m").fill("1.2")
     page.locator("#goto-go").click()
     _wait(page, "holdfast.store.value('depth_desired_m') > 1.15")

@@ -123,7 +123,7 @@ export class Commands extends EventTarget {
 
   positioned(known) {
     for (const { name, input } of this.fields.slice(0, 2)) input.disabled = !known;
-    const rule = this.needs.dataset.level === "bad" ? "Nothing is given: write at least one number." : "What is left empty stays.";
+    const rule = this.needs.dataset.level === "bad" ? "Fill in at least one field." : "An empty field keeps its value.";
     say(this.needs, known ? rule : `${rule} Without a position source, such as a DVL, only depth and heading can be given.`);
   }
 

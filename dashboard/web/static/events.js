@@ -42,7 +42,7 @@ export class Model {
     this.motor = el("p", { class: "motor", hidden: true });
     this.commands = commands;
     this.reset = el("button", { id: "reset-model", hidden: true, onclick: () => commands.ask(this.reset, "Forget", () => commands.send("reset_model")),
-      title: "forget what was found, and use the nominal vehicle again" }, "Forget");
+      title: "discard the estimates, and use the nominal vehicle again" }, "Forget");
     this.node = el("article", { class: "panel", id: "panel-model" },
       el("header", {}, el("h2", {}, "Vehicle, as found"), this.reset),
       el("table", { class: "found" },

@@ -112,7 +112,7 @@ export class Tuning {
     }
     const large = this.large();
     if (!large.length) return void this.applyAll();
-    this.commands.tell(`More than twofold at once: ${large.join(", ")}. Press Apply again if that is meant.`, true);
+    this.commands.tell(`A change by more than a factor of two: ${large.join(", ")}. Press Apply again to confirm it.`, true);
     this.commands.ask(this.apply, "Apply", () => this.applyAll(true));
   }
 
