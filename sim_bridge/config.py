@@ -245,12 +245,14 @@ class SensorConfig(_Record, frozen=True):
 
     depth_scale: Annotated[float, Meta(ge=0.9, le=1.1)] = 1.0
     """Water density over 1000 kg/m³: 1.025 makes BARO_SPEC_GRAV = 1 read 2.5 % deep."""
-    depth_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.012
+    depth_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
     depth_slow_m: NonNegative = 0.003
     depth_white_m: NonNegative = 0.0005
-    climb_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.015
+    climb_delay_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
     climb_slow_m_s: NonNegative = 0.004
     climb_white_m_s: NonNegative = 0.0008
+    barometer_late_s: Annotated[float, Meta(ge=0, le=0.5)] = 0.016
+    """By how much the pressure is older than the EKF allows for; it draws depth and climb rate with it."""
     slow_tau_s: Positive = 0.8
     drift_m: NonNegative = 0.001
     drift_tau_s: Positive = 60.0

@@ -27,11 +27,13 @@ from lab.batch.stand_in import (
     go_on_slow,
     motors,
     read,
+    recall,
     remember,
     water,
 )
 from sim_bridge.physics import plant, thrusters
-from sim_bridge.physics.body import NOT_DRIVEN, Motors, moved
+from sim_bridge.physics.body import NOT_DRIVEN, STEP_S, Motors, moved
+from sim_bridge.physics.ekf_height import NO_HEIGHT_ERROR, HeightError, drawn_off
 from sim_bridge.physics.thrusters import NO_THRUST
 
 OURS = (True, True, True, True, True, True)
@@ -55,13 +57,13 @@ def dive(
     """
     memory = start(companion.parameters)
     afloat = begun(vehicle, drawn)
-    first = read(vehicle, afloat.past, 0, afloat.slow, drawn.normals, 0)
+    first = read(vehicle, afloat.past, afloat.height, afloat.slow, drawn.normals, 0)
     north, east = begins(afloat)
     axes, last, parameters = NO_AXES, NO_AXES, companion.parameters
     ticks = len(targets)
     for index in range(ticks):
         afloat = went_on(vehicle, drawn, afloat, index, axes)
-        readings = read(vehicle, afloat.past, STEPS * (index + 1), afloat.slow, drawn.normals, index + 1)
+        readings = read(vehicle, afloat.past, afloat.height, afloat.slow, drawn.normals, index + 1)
         measured = inputs(at, readings, vehicle.voltage_v, companion, memory.observed.hidden.hidden_s, index)
         memory, known = observe(parameters, memory, measured)
         wanted = aim(vehicle, targets[index], north, east, first)
@@ -88,18 +90,22 @@ class Afloat(NamedTuple):
     state: plant.State
     driven: Motors
     static: thrusters.Eight
+    height: HeightError
 
 
 def begun(vehicle: BatchVehicle, drawn: Drawn) -> Afloat:
     """Return the vehicle at rest where it starts."""
-    oldest = max(vehicle.depth_back, vehicle.climb_back, vehicle.attitude_back, vehicle.place_back)
+    oldest = max(
+        *(vehicle.depth_back, vehicle.climb_back, vehicle.barometer_back),
+        *(vehicle.attitude_back, vehicle.place_back),
+    )
     past = np.zeros((int(oldest) + STEPS + 2, 13))
     for i in range(len(past)):
         remember(past, i, vehicle.start)
     flying = np.zeros((vehicle.to_motor_steps // STEPS + 2, 8))
     slow = np.zeros((1, drawn.slow.shape[1]))
     go_on_slow(drawn, slow, 0)
-    return Afloat(past, flying, slow, vehicle.start, NOT_DRIVEN, NO_THRUST)
+    return Afloat(past, flying, slow, vehicle.start, NOT_DRIVEN, NO_THRUST, NO_HEIGHT_ERROR)
 
 
 def begins(afloat: Afloat) -> tuple[float, float]:
@@ -109,7 +115,7 @@ def begins(afloat: Afloat) -> tuple[float, float]:
 
 def went_on(vehicle: BatchVehicle, drawn: Drawn, afloat: Afloat, index: int, axes: Axes) -> Afloat:
     """Return the vehicle after the next tick; `axes` is the command that leaves at its beginning."""
-    past, flying, slow, state, driven, static = afloat
+    past, flying, slow, state, driven, static, height = afloat
     go_on_slow(drawn, slow, index + 1)
     put(flying, index, motors(vehicle, axes))
     force, flow = water(vehicle, drawn.sea, slow, ENGAGED_S + index * TICK_S, state)
@@ -119,7 +125,9 @@ def went_on(vehicle: BatchVehicle, drawn: Drawn, afloat: Afloat, index: int, axe
             static = taken(flying, since // STEPS)
         driven, state, _ = moved(vehicle.hull, driven, state, static, force, flow, 1.0)
         remember(past, step + 1, state)
-    return Afloat(past, flying, slow, state, driven, static)
+        deeper_m = recall(past, step + 1 - vehicle.barometer_back)[2] - state[2]
+        height = drawn_off(height, deeper_m, STEP_S)
+    return Afloat(past, flying, slow, state, driven, static, height)
 
 
 def permit(companion: Companion, index: int) -> Permission:

@@ -22,6 +22,7 @@ from sim_bridge.config import Defects, SimConfig
 from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
 from sim_bridge.physics.body import STEP_S, Plant, plant_of
+from sim_bridge.physics.ekf_height import HeightError
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import (
     NO_WRENCH,
@@ -119,6 +120,7 @@ class BatchVehicle(NamedTuple):
     depth_back: float
     """How old the depth is that a tick takes in, in steps; likewise the climb, the attitude and the place."""
     climb_back: float
+    barometer_back: float
     attitude_back: float
     place_back: float
     positioned: bool
@@ -180,6 +182,7 @@ def vehicle_of(config: SimConfig, at: Timing) -> BatchVehicle:
         to_motor_steps=round(at.to_motor_s / STEP_S) + math.ceil(config.thrusters.delay_s / STEP_S - 1e-6),
         depth_back=(at.age_s + sensors.depth_delay_s) / STEP_S,
         climb_back=(at.age_s + sensors.climb_delay_s) / STEP_S,
+        barometer_back=sensors.barometer_late_s / STEP_S,
         attitude_back=(at.age_s + sensors.attitude_delay_s) / STEP_S,
         place_back=(at.age_s + sensors.dvl_delay_s) / STEP_S,
         positioned=sensors.dvl,
@@ -348,8 +351,11 @@ def _row(past: Rows, step: int) -> State:
     )
 
 
-def read(vehicle: BatchVehicle, past: Rows, steps: int, slow: Rows, normals: Rows, tick: int) -> Readings:
-    """Return what the telemetry reports that a tick takes in, `steps` steps after the start."""
+def read(
+    vehicle: BatchVehicle, past: Rows, height: HeightError, slow: Rows, normals: Rows, tick: int
+) -> Readings:
+    """Return what the telemetry reports that a tick takes in."""
+    steps = STEPS * tick
     white = vehicle.white
     north = east = north_rate = east_rate = math.nan
     if vehicle.positioned:
@@ -359,11 +365,20 @@ def read(vehicle: BatchVehicle, past: Rows, steps: int, slow: Rows, normals: Row
         east = place[1] + slow[0, 10] + white[4] * normals[tick, 16]
         north_rate = velocity[0] + white[4] * normals[tick, 17]
         east_rate = velocity[1] + white[4] * normals[tick, 18]
-    height = recall(past, steps - vehicle.depth_back)
+    was = recall(past, steps - vehicle.depth_back)
     motion = recall(past, steps - vehicle.climb_back)
     attitude = recall(past, steps - vehicle.attitude_back)
-    depth = vehicle.depth_scale * height[2] + slow[0, 0] + slow[0, 2] + white[0] * normals[tick, 11]
-    sink = vehicle.depth_scale * ned_velocity(motion)[2] + slow[0, 1] + white[1] * normals[tick, 12]
+    depth = (
+        vehicle.depth_scale * (was[2] + height.depth_m)
+        + slow[0, 0]
+        + slow[0, 2]
+        + white[0] * normals[tick, 11]
+    )
+    sink = (
+        vehicle.depth_scale * (ned_velocity(motion)[2] + height.sink_m_s)
+        + slow[0, 1]
+        + white[1] * normals[tick, 12]
+    )
     roll, pitch, yaw = euler(attitude)
     p, q, r = attitude[10], attitude[11], attitude[12]
     _, _, rate = angle_rates(roll, pitch, p, q, r)

@@ -90,7 +90,7 @@ NEEDED: dict[str, float] = {
     "SIM_RATE_HZ": 1.0 / STEP_S,
     "SIM_SPEEDUP": 1,
     "SIM_BARO_RND": 0.01,  # m: with it relative_alt errs by 3 mm, as our stand-in's and a Bar30's
-    "SIM_BARO_DELAY": 60,  # ms: what the EKF allows for (EK3_HGT_DELAY); without, relative_alt leads by 35 ms
+    "SIM_BARO_DELAY": 60,  # ms: as a Bar30; docs/ardusub.md, "The height of the EKF"
     "SIM_DRIFT_SPEED": 0,  # the simulated gyro drifts by up to 0.2 °/s, which turns the EKF's heading by 2°
     "AHRS_EKF_TYPE": 3,  # newer firmware in lockstep otherwise uses the simulated truth (10), and no EKF
     "LOG_BACKEND_TYPE": 0,

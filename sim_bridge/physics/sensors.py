@@ -11,6 +11,7 @@ from sim_bridge.config import Seabed, SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.dvl import DELAY_S as REPORT_DELAY_S
 from sim_bridge.physics.dvl import DvlReporter
+from sim_bridge.physics.ekf_height import NO_HEIGHT_ERROR, drawn_off
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
 from sim_bridge.physics.position import PositionErrors
@@ -125,6 +126,7 @@ class Sensors:
         self._reports = DvlReporter(reports, NOISE_PERIOD_S, report_rng) if reports.enabled else None
         self._white: list[float] = []
         self._history: deque[Sample] = deque(maxlen=int(HISTORY_S / step_s))
+        self._height_error = NO_HEIGHT_ERROR
 
         def noise(sigma: float, tau_s: float) -> OrnsteinUhlenbeck:
             return OrnsteinUhlenbeck(sigma, tau_s, NOISE_PERIOD_S, slow_rng)
@@ -157,6 +159,8 @@ class Sensors:
             x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = state
             state = (x, y, z + wave_m, q0, q1, q2, q3, u, v, w, p, q, r)
         self._history.append((state, acceleration))
+        deeper_m = self._depth_before(self._config.barometer_late_s) - state[2]
+        self._height_error = drawn_off(self._height_error, deeper_m, self._step_s)
         if self._lag_s:
             self._mean_depth_m += (state[2] - self._mean_depth_m) * self._step_s / LAGGING_FROM_S
         self._estimate = None
@@ -328,10 +332,8 @@ class Sensors:
         attitude = self._delayed(config.attitude_delay_s + self._attitude_defects.late_s)
         motion = self._delayed(config.climb_delay_s + self._depth_defects.late_s)
         late_s = config.depth_delay_s + self._depth_defects.late_s
-        (newer, _), (older, _), part = self._around(late_s)
-        z = newer[2] + part * (older[2] - newer[2])
+        z = self._depth_before(late_s + self._lag_s) + self._height_error.depth_m
         if self._lag_s:
-            z = self._delayed(late_s + self._lag_s)[2]
             z = self._mean_depth_m + LAGGING_SHARE * (z - self._mean_depth_m)
         roll, pitch, yaw = euler(attitude)
         roll += self._angles[0].value + config.attitude_white_rad * normal()
@@ -341,7 +343,7 @@ class Sensors:
         pitchspeed = attitude[11] + config.gyro_white_rad_s * normal()
         yawspeed = attitude[12] + config.gyro_white_rad_s * normal()
         r31, r32, r33 = down_axis(motion)
-        sink = r31 * motion[7] + r32 * motion[8] + r33 * motion[9]
+        sink = r31 * motion[7] + r32 * motion[8] + r33 * motion[9] + self._height_error.sink_m_s
         depth = (
             scale * z
             + self._noise_m * self._unit_noise.value
@@ -407,6 +409,11 @@ class Sensors:
         """State `delay_s` ago."""
         (newer, _), (older, _), part = self._around(delay_s)
         return between(newer, older, part) if part else newer
+
+    def _depth_before(self, delay_s: float) -> float:
+        """Depth `delay_s` ago."""
+        (newer, _), (older, _), part = self._around(delay_s)
+        return newer[2] + part * (older[2] - newer[2])
 
     def _around(self, delay_s: float) -> tuple[Sample, Sample, float]:
         """Return what was recorded just after and before a time `delay_s` ago, and how far back it lies."""

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Somebody, hold
+from virtual import Dive, Somebody, hold
 
 from companion.config import load_config
 from companion.records import Condition, Request, State
 from lab.loop.dive import dive as scenario_dive
-from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import four
+from lab.loop.lockstep import START_S, LinkDelay
+from lab.loop.scenarios import four, up_and_down
 from lab.studies.courses import COURSES, sail
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
@@ -82,6 +82,43 @@ def test_depth_only_leaves_the_heading_to_the_firmware(holding):
     assert {step.truth.mode for step in steps} == {STABILIZE}
     assert errors_mm(steps[250:]).std() < 10.0
     assert all(axes[3] == 0.0 for _, axes in dive.tap.frames)
+
+
+@pytest.mark.parametrize(("period_s", "size_m"), [(6.0, 0.25), (3.0, 0.12)])
+def test_our_simulator_tells_a_path_as_small_and_as_late(dived, period_s, size_m):
+    """More than 0.5 m below where it was armed: docs/ardusub.md, "The height of the EKF"."""
+    theirs = told(dived(), period_s, size_m)
+    ours = told(Dive(*DIVED, setpoint=hold(DEPTH_M)), period_s, size_m)
+    assert ours == pytest.approx(theirs, abs=0.012)
+
+
+def told(dive, period_s, size_m):
+    """Return relative_alt and VFR_HUD.climb on a path, each as a part of the truth, with its phase."""
+    reader, heard, omega = mavlink.MAVLink(None), [], math.tau / period_s
+
+    def listen(now_s, inbox):
+        for arrived_ns, data in inbox:
+            for message in reader.parse_buffer(data) or ():
+                kind, at_s = message.get_type(), arrived_ns / 1e9 - START_S
+                if kind == "GLOBAL_POSITION_INT":
+                    heard.append((0, at_s, -message.relative_alt / 1e3))
+                elif kind == "VFR_HUD":
+                    heard.append((1, at_s, -message.climb))
+        return inbox
+
+    def wave(values):
+        at_s, value = np.array([pair for pair in values if pair[0] > 16.0]).T
+        phases = [np.exp(1j * n * omega * at_s) for n in (1, 2, 3)]
+        like = np.array([*(part for one in phases for part in (one.real, one.imag)), at_s, at_s**0]).T
+        cosine, sine, *_ = np.linalg.lstsq(like, value)[0]
+        return cosine - 1j * sine
+
+    dive.tap.spoil = listen
+    steps = list(dive.loop.run(76.0, lambda t_s: up_and_down(t_s - 10.0, size_m, omega, DEPTH_M + 0.8)))
+    assert steps[-1].sample.verdict.state is State.ACTIVE
+    truth = wave([(step.t_s, step.truth.eta[2]) for step in steps])
+    depth, sink = (wave([row[1:] for row in heard if row[0] == which]) for which in (0, 1))
+    return [depth / truth, sink / (1j * omega * truth)]
 
 
 # --- The pilot --------------------------------------------------------------------------------------------

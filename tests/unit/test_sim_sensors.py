@@ -1,6 +1,8 @@
 """Defects of instruments, dead reckoning and the compass: each as large as its configuration says."""
 
+import cmath
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from sim_wire import Station, vehicle
 from sim_bridge.config import Defects, DvlReports, Seabed, SensorConfig, Steel, Usbl
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.dvl import DvlReporter
+from sim_bridge.physics.ekf_height import NO_HEIGHT_ERROR, drawn_off
 from sim_bridge.physics.plant import state_of
 from sim_bridge.physics.position import BELIEVED_M_S, ODOMETRY_SIGMA_M_S, UNAIDED_S, PositionErrors
 from sim_bridge.physics.sensors import COMPASS_TAU_S, EARTH_NORTH_UT, Sensors, deviation
@@ -60,13 +63,46 @@ def test_while_the_depth_is_out_it_stands_still_and_the_attitude_does_not():
 
 
 def test_jitter_makes_readings_older():
-    sensors = instruments(depth_delay_s=0.0, depth_defects=Defects(jitter_s=0.1))
+    sensors = instruments(depth_delay_s=0.0, barometer_late_s=0.0, depth_defects=Defects(jitter_s=0.1))
     late_s = []
     for step in range(2000):
         z = 0.5 * DT * step
         late_s.append((z - reading(sensors, z=z).depth_m) / 0.5)
     assert np.mean(late_s[100:]) == pytest.approx(0.05, rel=0.1)
     assert max(late_s) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("period_s", "depth", "rate"),
+    [
+        (2.0, (0.61, -126.0), (0.14, 161.0)),
+        (3.0, (1.04, -98.0), (0.35, -168.0)),
+        (4.0, (1.37, -74.0), (0.59, -141.0)),
+        (6.0, (1.70, -39.0), (1.05, -100.0)),
+        (10.0, (1.47, -7.0), (1.34, -53.0)),
+    ],
+)
+def test_the_barometer_draws_depth_and_climb_rate_as_it_does_in_4_7(period_s, depth, rate):
+    """Size and phase (°) of what SIM_BARO_DELAY 120 and 0 differ by, in relative_alt and VFR_HUD.climb."""
+    omega, error = math.tau / period_s, NO_HEIGHT_ERROR
+    deeper: Any = 0.0
+    for step in range(round(30.0 / DT)):
+        deeper = cmath.exp(1j * omega * step * DT)
+        error = drawn_off(error, deeper, DT)
+    for found, (size, phase_deg) in ((error.depth_m, depth), (error.sink_m_s / (1j * omega), rate)):
+        assert found / deeper == pytest.approx(cmath.rect(size, math.radians(phase_deg)), abs=0.15)
+
+
+def test_a_barometer_that_is_later_than_allowed_makes_depth_small_and_late():
+    """What both firmwares told of a path with a period of 6 s: 0.98 of it, 20 to 25 ms late."""
+    sensors, omega, told = instruments(), math.tau / 6.0, []
+    for step in range(round(42.0 / DT)):
+        phase = omega * step * DT
+        told.append(reading(sensors, 3.0 - 0.25 * math.cos(phase)).depth_m)
+    whole = np.exp(-1j * omega * DT * np.arange(round(12.0 / DT), round(42.0 / DT)))
+    seen = np.mean(told[-len(whole) :] * whole) * -8.0
+    assert abs(seen) == pytest.approx(0.983, abs=0.004)
+    assert -np.angle(seen) / omega == pytest.approx(0.0225, abs=0.004)
 
 
 def test_without_a_dvl_the_speed_error_walks_and_the_position_is_given_up():
