@@ -208,12 +208,15 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
 
 def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s: float) -> oscillation.State:
     """Look for an oscillation of the loop's own."""
-    if not at.orders.watched:
-        return memory.oscillation
     believed_s = at.ahead.delay_s + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
     # A weak vehicle is asked for more, to move as much: that is no oscillation.
     return oscillation.step(
-        axis.oscillation, memory.oscillation, tau * min(at.gain[i], 1.0), dt_s, believed_s
+        axis.oscillation,
+        memory.oscillation,
+        tau * min(at.gain[i], 1.0),
+        dt_s,
+        believed_s,
+        at.orders.watched,
     )
 
 

@@ -37,6 +37,11 @@ VIOLENT = 12.0
 """Times the limit's mean square: more is no transient. Its time counts share / VIOLENT times, and it
 needs no second cycle."""
 
+QUICK_S, QUICK_SWINGS, QUICK_LEAVES = 0.12, 3, 0.35
+"""So many swings in a row, each shorter than QUICK_S and beyond the limit, are a cycle: in seas, currents and
+turns three in a row reach 0.6 of it. Such a cycle doubles with each swing: this share of the gains is left at
+once."""
+
 SHRINK_S = 0.3
 RECOVER_S = 10.0
 LEAST = 0.1
@@ -91,24 +96,47 @@ class State(NamedTuple):
     """The rest, of the last tick."""
     swings: int
     """How often it changed its sign while it exceeded the limit."""
+    swing_s: float
+    """How long ago it changed its sign."""
+    peak: float
+    """Its largest magnitude since."""
+    quick: int
+    """So many swings in a row before that were quick and beyond the limit."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf, 0.0, 0)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf, 0.0, 0, 0.0, 0.0, 0)
 """Full gains, and nothing seen yet."""
 
 
-def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s: float) -> State:
-    """Take one tick's demand, and the delay that the gains allow for."""
+def step(
+    parameters: Parameters, state: State, tau: float, dt_s: float, delay_s: float, full: bool = True
+) -> State:
+    """Take one tick's demand, and the delay that the gains allow for.
+
+    Without `full` authority only quick swings are a cycle.
+    """
     tau = limited(tau, parameters.max_force)
     slow = tau if math.isnan(state.slow) else state.slow
     slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
     fast = tau - slow
+    turns = (fast < 0.0) != (state.fast < 0.0)
+    swing_s, peak, quick = state.swing_s + dt_s, max(state.peak, abs(fast)), state.quick
+    if turns:
+        quick = quick + 1 if state.swing_s < QUICK_S and state.peak > parameters.limit else 0
+        swing_s, peak = 0.0, abs(fast)
+    if quick >= QUICK_SWINGS - 1 and peak > parameters.limit:
+        scale = clamped(QUICK_LEAVES * state.gain_scale, parameters.least, 1.0)
+        ceiling = clamped(RELAPSE_SHARE * state.ceiling, parameters.least, 1.0)
+        return State(scale, ceiling, slow, 0.0, 0.0, delay_s, 0.0, fast, 0, swing_s, peak, 0)
+    state = state._replace(slow=slow, swing_s=swing_s, peak=peak, quick=quick)
+    if not full:
+        return state._replace(fast=fast)
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
     share = power / (parameters.limit * parameters.limit)
     violent = share > parameters.violent
     counts = share / parameters.violent if violent else 1.0
     lasts_s = state.lasts_s + counts * dt_s if share > 1.0 else 0.0
-    swings = state.swings + ((fast < 0.0) != (state.fast < 0.0)) if share > 1.0 else 0
+    swings = state.swings + turns if share > 1.0 else 0
     known = state.ended_s < CONFIRMED_S or state.ceiling < 1.0
     goes_on = state.ended_s == 0.0
     cycles = (goes_on or swings >= SWINGS or violent) and lasts_s > (AGAIN_S if known else TRANSIENT_S)
@@ -125,7 +153,7 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, delay_s:
     ceiling = clamped(ceiling, parameters.least, 1.0)
     ended_s = 0.0 if cycles else state.ended_s + dt_s
     scale = clamped(scale, parameters.least, ceiling)
-    return State(scale, ceiling, slow, power, lasts_s, began_s, ended_s, fast, swings)
+    return State(scale, ceiling, slow, power, lasts_s, began_s, ended_s, fast, swings, swing_s, peak, quick)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

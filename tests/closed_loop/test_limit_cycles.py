@@ -99,6 +99,17 @@ def test_a_limit_cycle_of_a_vehicle_unlike_the_model_dies_within_three_seconds(g
     assert (cycles_s(steps) < DIES_WITHIN_S).all()
 
 
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_vehicle_that_turns_as_lightly_as_a_third_keeps_its_heading(seed):
+    """Its yaw cycles at 5 Hz, as soon as thrust leaves the dead band: it is not thrown off."""
+    inertia, added = "[0.26, 0.23, 0.111]", "[6.36, 7.12, 18.68, 0.189, 0.135, 0.0666]"
+    light = (f"hull.inertia_kg_m2={inertia}", f"hull.added_mass={added}", "thrusters.lag_s=0.0")
+    steps = dived(*light, seconds=20.0, seed=seed)
+    heading = np.degrees(np.unwrap([step.truth.eta[TRUE_PSI] for step in steps]))
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert np.ptp(heading) < 6.0
+
+
 def test_a_delay_that_grows_by_80_ms_at_once_makes_no_lasting_limit_cycle():
     """Of a vehicle twice as strong: without the guard it lasts 12 s."""
     steps = dived("thrusters.gain=[2.0]", seconds=14.0, link=LinkDelay(change_s=(9.0, 0.04)))

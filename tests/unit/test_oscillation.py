@@ -94,6 +94,26 @@ def test_a_cycle_in_heading_is_noticed_when_it_asks_for_little():
     assert state.gain_scale < 0.5
 
 
+def growing(t_s):
+    """5.5 Hz, twice as large after each swing: a vehicle that answers at once, three times as strongly."""
+    return PARAMETERS.limit * 2.0 ** (11.0 * t_s - 4.0) * np.sin(2.0 * np.pi * 5.5 * t_s)
+
+
+@pytest.mark.parametrize("full", [True, False], ids=["full authority", "ramp"])
+def test_a_quick_cycle_is_ended_before_it_reaches_a_dozen_times_the_limit(full):
+    state, t_s = START, 0.0
+    while state.gain_scale == 1.0 and t_s < 2.0:
+        state = oscillation.step(PARAMETERS, state, growing(t_s), DT_S, 0.02, full)
+        t_s += DT_S
+    assert state.gain_scale < 0.5
+    assert 2.0 ** (11.0 * t_s - 4.0) < 12.0
+
+
+def test_two_quick_swings_are_a_measurement_that_jumped():
+    scale = watched(lambda t_s: 50.0 * (5.0 <= t_s < 5.06) - 50.0 * (5.06 <= t_s < 5.12))
+    assert (scale == 1.0).all()
+
+
 def test_after_a_relapse_the_gains_stay_lower():
     """A limit cycle that begins whenever the gains are above a half: each time they come back less far."""
     state = START

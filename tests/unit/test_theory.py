@@ -25,6 +25,7 @@ SENTENCES = (
     f"| {oscillation.TRANSIENT_S:g} s; {oscillation.AGAIN_S:g} s |",
     f"changed its sign meanwhile | {oscillation.SWINGS} times |",
     f"needs no change of sign | {math.sqrt(oscillation.VIOLENT):.1f} times the share |",
+    f"| {oscillation.QUICK_SWINGS}; {oscillation.QUICK_S:g} s; {oscillation.QUICK_LEAVES:g} |",
     f"time constant; least value | {oscillation.SHRINK_S:g} s; {least:g} |",
     f"s then returns to 1 | in {oscillation.RECOVER_S:g} s |",
     f"above {math.sqrt(oscillation.VIOLENT):.1f} times the share, or a second one "
