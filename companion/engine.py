@@ -330,6 +330,8 @@ class Engine:
             self._estimator.trust_heading()
         if Request.RESET_MODEL in heard.requests:
             observed = observers.forgotten(self.parameters.observers, observed)
+        if Condition.HEADING_WRONG in self.verdict.warnings:
+            observed = observers.place_forgotten(self.parameters.observers, observed)
         return self.memory._replace(observed=observed), inputs
 
     def _learns(self) -> Flags:

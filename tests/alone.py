@@ -87,7 +87,7 @@ class Estimate:
 
     def sent(self, now_s, axes, tau_ned):
         self.shell.sent(now_s, axes)
-        self.memory = observers.sent(self.memory, now_s, tau_ned)
+        self.memory = observers.sent(self.memory, now_s, tau_ned, ZERO)
 
 
 class Learner:
@@ -111,9 +111,10 @@ class Learner:
     def step(self, dof, push, sample, learns):
         """Take what one degree of freedom has shown, the others nothing."""
         shown = [observers.NOTHING_SHOWN] * 4
-        shown[dof] = model_learner.Shown(Push(*push), Sample(*sample), math.nan)
+        u, m, c, dt_s = push
+        shown[dof] = model_learner.Shown(Push(u, m, c, dt_s, u), Sample(*sample), math.nan)
         self.memory = model_learner.learnt(
-            self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, push[3]
+            self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, dt_s
         )
 
     @property
@@ -121,4 +122,4 @@ class Learner:
         return self.memory.model
 
     def parameters(self, dof):
-        return self.memory.schedule.observers[dof].control[0]
+        return self.memory.schedule.dofs[dof].control[0]

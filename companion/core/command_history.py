@@ -11,26 +11,30 @@ LONG_AGO_S = -1e6
 
 
 class SentCommand(NamedTuple):
-    """When a command was sent, its thrust in NED (N, N·m), and the impulse of all before it (N·s, N·m·s)."""
+    """When a command was sent, its thrust in NED (N, N·m), and the impulse of all before it (N·s, N·m·s).
+
+    `d_hat` is what of the thrust answers a disturbance.
+    """
 
     t_s: float
     tau: Vector
     impulse: Vector
+    d_hat: Vector
 
 
 def start() -> list[SentCommand]:
     """Return a history in which nothing was sent."""
-    return [SentCommand(t_s=LONG_AGO_S, tau=ZERO, impulse=ZERO)]
+    return [SentCommand(t_s=LONG_AGO_S, tau=ZERO, impulse=ZERO, d_hat=ZERO)]
 
 
-def appended(commands: list[SentCommand], t_s: float, tau: Vector) -> list[SentCommand]:
+def appended(commands: list[SentCommand], t_s: float, tau: Vector, d_hat: Vector) -> list[SentCommand]:
     """Return the history with what was sent at `t_s`, later than all before."""
     last = commands[-1]
     first = 0
     while first < len(commands) - 1 and commands[first + 1].t_s < t_s - KEPT_S:
         first += 1
     kept = commands[first:]
-    kept.append(SentCommand(t_s=t_s, tau=tau, impulse=_impulse(last, last.tau, t_s - last.t_s)))
+    kept.append(SentCommand(t_s, tau, _impulse(last, last.tau, t_s - last.t_s), d_hat))
     return kept
 
 
@@ -59,6 +63,14 @@ def mean_thrusts(
     return means
 
 
+def answered(commands: list[SentCommand], dof: int, at_s: float) -> float:
+    """Return what of the thrust that was in force at a moment answers a disturbance."""
+    i = len(commands) - 1
+    while i > 0 and commands[i].t_s > at_s:
+        i -= 1
+    return commands[i].d_hat[dof]
+
+
 def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:
     """Take `tau` from the thrust of all commands: a motor that was believed to give it gave none."""
     now_s = commands[-1].t_s
@@ -67,6 +79,7 @@ def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand
             t_s=command.t_s,
             tau=vector([command.tau[dof] - tau[dof] for dof in range(4)]),
             impulse=_impulse(command, tau, now_s - command.t_s),
+            d_hat=command.d_hat,
         )
         for command in commands
     ]

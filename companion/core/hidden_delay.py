@@ -3,19 +3,20 @@
 Recursive prediction error method (Ljung 1999, ch. 11) for one number of one degree of freedom, the delay x.
 An observer of its own, which believes in small disturbances and so leans on the model, predicts each
 measurement. The derivative of its error ν by x is the same observer driven by −u' and by no measurement.
-Where ν has that shape, x is off:
+Where ν has that shape, x is off. What another gain or another drag explains of ν is not taken for delay: both
+are parameters of the same regression, of which x alone is used (decision 49).
 
 | symbol | meaning                                       | unit           | equation                        |
 |--------|-----------------------------------------------|----------------|---------------------------------|
-| x      | hidden delay                                  | s              | x' = −ψᵀ S⁻¹ ν / (I + 1/PRIOR²) |
+| x      | hidden delay                                  | s              | x' = [(I + P⁻¹)⁻¹ ψᵀ S⁻¹ ν]_x   |
 | ν      | innovation of position and rate               | m, m/s         | observer                        |
-| ψ      | its derivative by x                           | m/s, m/s²      | ψ = ∂ν/∂x                       |
+| ψ      | what is expected, by x, log gain and log drag | m/s, m/s²; …   | ψ = −∂ν/∂(x, γ, log b)          |
 | S      | variance of ν, diagonal                       | m², m²/s²      | S' = (ν² − S)/SPREAD_MEMORY_S   |
-| I      | information on x, over MEMORY_S               | 1/s²           | I' = ψᵀ S⁻¹ ψ − I/MEMORY_S      |
+| I      | information, over MEMORY_S                    | 1/s²; …        | I' = ψᵀ S⁻¹ ψ − I/MEMORY_S      |
+| P      | what is not known beforehand                  |                | diag(PRIOR²)                    |
 | u      | commanded thrust                              | N              | observer                        |
 
-A thruster that is slower than believed looks the same, and does the same harm. Half of the delay is found
-rather than too much of it: noise that went around the loop pulls it down (docs/theory.md).
+A thruster that is slower than the model in use looks the same, and does the same harm.
 """
 
 import math
@@ -34,7 +35,7 @@ from companion.core.observer import (
     innovation,
     slopes,
 )
-from companion.core.vehicle_model import MEMORY_S, START_SPREAD
+from companion.core.vehicle_model import KNOWN_DRAG, KNOWN_GAIN, MEMORY_S, START_SPREAD, driven
 
 SPREAD_MEMORY_S = 10.0
 PRIOR_S = 0.02
@@ -45,16 +46,29 @@ SLEW = 0.02
 """Seconds of delay a second at most."""
 
 
+class Information(NamedTuple):
+    """Ψᵀ S⁻¹ Ψ over MEMORY_S: of the delay, the log gain and the log drag, and of pairs of them."""
+
+    delay: float
+    delay_gain: float
+    delay_drag: float
+    gain: float
+    gain_drag: float
+    drag: float
+
+
 class HiddenDelayState(NamedTuple):
-    """What was found, `hidden_s`, 0..LARGEST_S; the two observers, and what they have shown so far."""
+    """What was found, `hidden_s`, 0..LARGEST_S; the observers, and what they have shown so far."""
 
     hidden_s: float
     observer: ObserverState
-    slope: ObserverState
-    """The observer's derivative by x."""
+    by_delay: ObserverState
+    """Its derivative by x; the next two by γ and log b."""
+    by_gain: ObserverState
+    by_drag: ObserverState
     u: float
     """Thrust of the step before; NaN before the first."""
-    information: float
+    information: Information
     position_variance: float
     rate_variance: float
 
@@ -65,43 +79,78 @@ def start(position: float, hidden_s: float) -> HiddenDelayState:
     return HiddenDelayState(
         hidden_s=hidden_s if math.isfinite(hidden_s) else 0.0,
         observer=at_rest(position),
-        slope=at_rest(0.0),
+        by_delay=at_rest(0.0),
+        by_gain=at_rest(0.0),
+        by_drag=at_rest(0.0),
         u=math.nan,
-        information=0.0,
+        information=Information(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         position_variance=q * q,
         rate_variance=v * v,
     )
 
 
 def step(
-    parameters: ObserverParameters, state: HiddenDelayState, push: Push, gain: float, sample: Sample
+    parameters: ObserverParameters,
+    state: HiddenDelayState,
+    push: Push,
+    gain: float,
+    lag_s: float,
+    sample: Sample,
 ) -> HiddenDelayState:
     """Go on by a step, whose time is above zero, to what was measured at its end.
 
     Without commands that vary `hidden_s` stays as it is.
     """
-    u, dt_s = push.u, push.dt_s
+    u, dt_s, f, v = push.u, push.dt_s, state.observer.f, state.observer.v
     u_slope = 0.0 if math.isnan(state.u) else (state.u - u) / dt_s
-    model = coefficients(push, gain, parameters.thrust_lag_s, dt_s)
+    model = coefficients(push, gain, lag_s, dt_s)
     slow = math.exp(dt_s / -parameters.slow_time_s)
-    observed, slope = coasted(model, slow, state.observer, u), coasted(model, slow, state.slope, u_slope)
+    observed, by_delay = (
+        coasted(model, slow, state.observer, u),
+        coasted(model, slow, state.by_delay, u_slope),
+    )
+    by_gain = driven(model, state.by_gain, slow, model[3] * (f + observed.f), 0.0)
+    by_drag = driven(model, state.by_drag, slow, -model[3] * (push.c / gain) * (v + observed.v), 0.0)
     nu_q, nu_v = innovation(observed, sample, False)
-    of_q, of_v = slopes(slope, sample)
-    psi_q, psi_v = -of_q, -of_v
+    delay_q, delay_v = slopes(by_delay, sample)
+    (gain_q, gain_v), (drag_q, drag_v) = slopes(by_gain, sample), slopes(by_drag, sample)
     spread_q = _spread(state.position_variance, nu_q, dt_s)
     spread_v = _spread(state.rate_variance, nu_v, dt_s)
-    weighed_q, weighed_v = psi_q / spread_q, psi_v / spread_v
-    information = state.information * math.exp(-dt_s / MEMORY_S) + (weighed_q * psi_q + weighed_v * psi_v)
-    wanted = -(weighed_q * nu_q + weighed_v * nu_v) / (information + 1.0 / (PRIOR_S * PRIOR_S))
+    weight_q, weight_v = 1.0 / spread_q, 1.0 / spread_v
+    old, keep = state.information, math.exp(-dt_s / MEMORY_S)
+    information = Information(
+        keep * old.delay + weight_q * delay_q * delay_q + weight_v * delay_v * delay_v,
+        keep * old.delay_gain + weight_q * delay_q * gain_q + weight_v * delay_v * gain_v,
+        keep * old.delay_drag + weight_q * delay_q * drag_q + weight_v * delay_v * drag_v,
+        keep * old.gain + weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
+        keep * old.gain_drag + weight_q * gain_q * drag_q + weight_v * gain_v * drag_v,
+        keep * old.drag + weight_q * drag_q * drag_q + weight_v * drag_v * drag_v,
+    )
+    of_delay = weight_q * delay_q * nu_q + weight_v * delay_v * nu_v
+    of_gain = weight_q * gain_q * nu_q + weight_v * gain_v * nu_v
+    of_drag = weight_q * drag_q * nu_q + weight_v * drag_v * nu_v
+    wanted = _more(information, of_delay, of_gain, of_drag)
     return HiddenDelayState(
         hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, LARGEST_S),
         observer=correct(parameters, observed, nu_q, nu_v),
-        slope=correct(parameters, slope, psi_q, psi_v),
+        by_delay=correct(parameters, by_delay, -delay_q, -delay_v),
+        by_gain=correct(parameters, by_gain, -gain_q, -gain_v),
+        by_drag=correct(parameters, by_drag, -drag_q, -drag_v),
         u=u,
         information=information,
         position_variance=spread_q,
         rate_variance=spread_v,
     )
+
+
+def _more(information: Information, delay: float, gain: float, drag: float) -> float:
+    """Return the delay's part of (I + P⁻¹)⁻¹ times the evidence: what gain and drag do not explain."""
+    known = 1.0 / (PRIOR_S * PRIOR_S)
+    a, b, c = information.delay + known, information.delay_gain, information.delay_drag
+    d, e, f = information.gain + KNOWN_GAIN, information.gain_drag, information.drag + KNOWN_DRAG
+    determinant = max(d * f - e * e, KNOWN_GAIN * KNOWN_DRAG)  # so, whatever rounding leaves
+    of_gain, of_drag = (b * f - c * e) / determinant, (c * d - b * e) / determinant
+    return (delay - of_gain * gain - of_drag * drag) / max(a - of_gain * b - of_drag * c, known)
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:

@@ -32,6 +32,10 @@ from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z, vector
 REPORT_TICKS = 10
 """What was found is reported every so many ticks: nothing steers by it."""
 
+SURE_OF_LESS = (2.5, 2.5, 1.5, 1.5)
+"""So many standard deviations it takes to believe that surge, sway, heave and yaw answer less: more would be
+asked of them. Horizontally waves are larger than the thrust, and look like a vehicle that answers less."""
+
 NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
 """Observers are looked up again where the model has moved further."""
 
@@ -60,7 +64,7 @@ class Schedule(NamedTuple):
     squares: tuple[float, float]
     """cos² and sin² of the heading."""
     gain: Vector
-    observers: Four[LookedUp]
+    dofs: Four[LookedUp]
 
 
 class Shown(NamedTuple):
@@ -87,7 +91,7 @@ class LearnerMemory(NamedTuple):
 def start(tables: Four[Tables], lag_s: float) -> LearnerMemory:
     """Return the nominal vehicle, whose thrusters lag by `lag_s`, of which nothing was found."""
     nominal = Theta(0.0, lag_s)
-    nothing, state = Found(theta=nominal, gain_gain=0.0, gain_lag=0.0, lag_lag=0.0), vehicle_model.start(0.0)
+    nothing, state = Found(nominal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), vehicle_model.start(0.0)
     found, used = (nothing, nothing, nothing, nothing), (nominal, nominal, nominal, nominal)
     return LearnerMemory(
         found=found,
@@ -97,6 +101,15 @@ def start(tables: Four[Tables], lag_s: float) -> LearnerMemory:
         ticks=0,
         model=_model(found, used, used),
     )
+
+
+def place_forgotten(memory: LearnerMemory, lag_s: float) -> LearnerMemory:
+    """Take surge and sway for the nominal vehicle's again, whose thrusters lag by `lag_s`."""
+    nominal = Theta(0.0, lag_s)
+    nothing = Found(nominal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _, _, heave, yaw = memory.found
+    _, _, of_heave, of_yaw = memory.used
+    return memory._replace(found=(nothing, nothing, heave, yaw), used=(nominal, nominal, of_heave, of_yaw))
 
 
 def begun(memory: LearnerMemory, positions: Vector) -> LearnerMemory:
@@ -115,7 +128,7 @@ def looked_up(tables: Four[Tables], used: Four[Theta], squares: tuple[float, flo
         used=used,
         squares=squares,
         gain=_gains(at),
-        observers=each_of_two(_looked_up, tables, at),
+        dofs=each_of_two(_looked_up, tables, at),
     )
 
 
@@ -126,13 +139,13 @@ def turned(tables: Four[Tables], memory: LearnerMemory, J: Jacobian) -> Schedule
     if not math.isfinite(squares[0]):
         return old
     if used == old.used and used[X] == used[Y]:  # else the model turns with the heading
-        return Schedule(used=used, squares=squares, gain=old.gain, observers=old.observers)
+        return Schedule(used=used, squares=squares, gain=old.gain, dofs=old.dofs)
     at = by_dof(used, squares)
     return Schedule(
         used=used,
         squares=squares,
         gain=_gains(at),
-        observers=vector([_near(tables[dof], old.observers[dof], at[dof]) for dof in range(4)]),
+        dofs=vector([_near(tables[dof], old.dofs[dof], at[dof]) for dof in range(4)]),
     )
 
 
@@ -162,9 +175,8 @@ def learnt(
     """Learn from what all degrees of freedom show in this tick, axis by axis where `learns`."""
     squares = schedule.squares
     thetas = by_dof(vector([one.theta for one in memory.found]), squares)
-    seen = vector(
-        [_seen(schedule.observers[i].here, thetas[i], memory.states[i], shown[i], i == PSI) for i in range(4)]
-    )
+    dofs, states = schedule.dofs, memory.states
+    seen = vector([_seen(dofs[i].here, thetas[i], states[i], shown[i], i == PSI) for i in range(4)])
     found, used, ticks = list(memory.found), list(memory.used), memory.ticks + 1
     for axis in range(4):
         evidence = _of_axis(seen, squares, axis) if learns[axis] else NO_EVIDENCE
@@ -174,7 +186,7 @@ def learnt(
             else:
                 found[axis] = vehicle_model.learn_gain(found[axis], evidence, found[Z], dt_s)
             if adapts:
-                used[axis] = vehicle_model.follow(used[axis], found[axis])
+                used[axis] = vehicle_model.follow(used[axis], found[axis], SURE_OF_LESS[axis])
     model, now_found, now_used = memory.model, vector(found), vector(used)
     if now_used != schedule.used or used[X] != used[Y] or ticks % REPORT_TICKS == 0:
         model = _model(now_found, now_used, by_dof(now_used, squares))

@@ -50,12 +50,16 @@ class ObserverState(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What moves the nominal vehicle over a step: mean commanded thrust, inertia, drag coefficient."""
+    """What moves the nominal vehicle over a step: mean commanded thrust, inertia, drag coefficient.
+
+    `own` is the thrust less what of it answers a disturbance.
+    """
 
     u: float
     m: float
     c: float
     dt_s: float
+    own: float
 
 
 class Sample(NamedTuple):

@@ -170,7 +170,7 @@ class Moving(NamedTuple):
     innovation: float
 
 
-NO_PUSH = Push(0.0, 1.0, 0.0, 0.0)
+NO_PUSH = Push(0.0, 1.0, 0.0, 0.0, 0.0)
 NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan), begins=math.nan)
 
 
@@ -224,7 +224,7 @@ def step(
     )
     return ObserversMemory(
         dofs=vector([one for one, _, _ in observed]),
-        hidden=_hidden(observers, memory.hidden, shown[Z], schedule.gain[Z]),
+        hidden=_hidden(observers, memory.hidden, shown[Z], schedule),
         learner=learner,
         commands=memory.commands,
     ), _motion([moving for _, moving, _ in observed])
@@ -303,8 +303,9 @@ def _observed(
     thrusts = command_history.mean_thrusts(
         memory.commands, dof, from_s - sent_s, to_s - sent_s, step_s, now.steps
     )
-    push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s)
-    gain, control = schedule.gain[dof], schedule.observers[dof].control
+    own = thrusts[0] - command_history.answered(memory.commands, dof, from_s - sent_s)
+    push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s, own)
+    gain, control = schedule.gain[dof], schedule.dofs[dof].control
     state, since, innovation, shown = _corrected(control, was, push, gain, inputs, to_s, dof)
     if not is_believable(state):
         shown = Shown(push=NO_PUSH, sample=shown.sample, begins=shown.begins)
@@ -386,12 +387,16 @@ def _still(q: float, rest: float, innovation: float) -> Moving:
     return Moving(q, rest, q, rest, rest, predictor.NOTHING, innovation)
 
 
-def _hidden(observers: Observers, hidden: HiddenDelayState, shown: Shown, gain: float) -> HiddenDelayState:
+def _hidden(
+    observers: Observers, hidden: HiddenDelayState, shown: Shown, schedule: Schedule
+) -> HiddenDelayState:
     """Look for hidden delay in what depth shows."""
     if not math.isnan(shown.begins):
         hidden = hidden_delay.start(shown.begins, hidden.hidden_s)
-    moves = shown.push.dt_s > 0.0
-    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, shown.sample) if moves else hidden
+    if not shown.push.dt_s > 0.0:
+        return hidden
+    gain, lag_s = schedule.gain[Z], schedule.dofs[Z].control[0].thrust_lag_s
+    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, lag_s, shown.sample)
 
 
 def _motion(dofs: list[Moving]) -> Motion:
@@ -420,9 +425,9 @@ def interpolate(trajectory: list[observer.Motion], step_index: float) -> tuple[f
     return q_0 + share * (q_1 - q_0), v_0 + share * (v_1 - v_0)
 
 
-def sent(memory: ObserversMemory, t_s: float, tau_ned: Vector) -> ObserversMemory:
-    """Note the thrust (N, N·m) that a command gives which was sent at `t_s`."""
-    return memory._replace(commands=command_history.appended(memory.commands, t_s, tau_ned))
+def sent(memory: ObserversMemory, t_s: float, tau_ned: Vector, d_hat: Vector) -> ObserversMemory:
+    """Note the thrust (N, N·m) of a command that was sent at `t_s`; `d_hat` of it answers a disturbance."""
+    return memory._replace(commands=command_history.appended(memory.commands, t_s, tau_ned, d_hat))
 
 
 def without_thrust(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:
@@ -460,3 +465,8 @@ def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
 def forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
     """Take the vehicle for the nominal one again."""
     return memory._replace(learner=model_learner.start(observers.tables, observers.lag_s))
+
+
+def place_forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
+    """Take surge and sway for the nominal vehicle's again: with a wrong heading they were found wrong."""
+    return memory._replace(learner=model_learner.place_forgotten(memory.learner, observers.lag_s))

@@ -151,13 +151,19 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     if parameters.actuation.levels:
         watch, ticks = watched(parameters, watch, ticks, actuated, demand, applied)
     return Memory(
-        observed=observers.sent(memory.observed, inputs.now_s, given_ned),
+        observed=observers.sent(memory.observed, inputs.now_s, given_ned, d_hats(demand.samples)),
         controlled=memory.controlled,
         actuated=actuated,
         limits=memory.limits,
         watch=watch,
         watch_ticks=ticks,
     )
+
+
+def d_hats(samples: Samples) -> Vector:
+    """Return what of the thrust answers a disturbance, N and N·m."""
+    x, y, z, psi = samples
+    return (x.d_hat, y.d_hat, z.d_hat, psi.d_hat)
 
 
 def feedback(memory: ControlMemory, actuated: ActuationMemory) -> Feedback:

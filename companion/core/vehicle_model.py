@@ -1,25 +1,27 @@
 """What the vehicle is, found while it dives: how strongly each axis answers a command, and how late.
 
 Recursive prediction error method (Ljung 1999, ch. 11) with an observer of its own for each degree of freedom.
-Two further observers are the derivatives of its prediction by the parameters. Where the innovation has the
+Three further observers are the derivatives of its prediction by the parameters. Where the innovation has the
 shape of a derivative, that parameter is off. What the closed loop does to the estimate: docs/theory.md.
 
-    m = m_n / g,  c = c_n / g          a vehicle of gain g, in units of commanded force
+    m = m_n / g,  c = b c_n / g          a vehicle of gain g, in units of commanded force
 
 | symbol | meaning                                      | unit            | equation                         |
 |--------|----------------------------------------------|-----------------|----------------------------------|
 | g      | force per command over inertia, over nominal |                 |                                  |
 | γ      | log g                                        |                 | θ = (γ, T)                       |
 | T      | thruster lag                                 | s               | θ' = (R + P⁻¹)⁻¹ φᵀ S⁻¹ ν        |
+| b      | drag over the model's, 1 in the observer     |                 | φ and R have it as a third       |
 | ν      | innovation of position and rate              | m, m/s; rad     | observer                         |
 | φ      | derivative of the expected measurement by θ  | m, m/s; rad, …  | observer, driven as below        |
 | S      | variance of ν, diagonal                      | m², m²/s²; …    | S' = (ν² − S)/SPREAD_MEMORY_S    |
 | R      | information on θ                             |                 | R' = φᵀ S⁻¹ φ − R/MEMORY_S       |
 | P      | what is not known beforehand                 |                 | diag(PRIOR²)                     |
 
-φ is driven by the thrust alone, not by thrust less the estimated disturbance: that estimate carries the noise
-of the measurements, which would pull g down. The numbers below were tuned on the vehicles of decision 12, in
-batches of 85 s; where a range follows from something else, its line says so.
+φ is driven by the thrust without its answer to the disturbance, as it was when the command left
+(`Push.own`): with it, thrust that counters a wave looks like thrust that moves nothing. b is not estimated:
+what it explains of ν is taken for neither γ nor T. Without it, drag that the model lacks counts as inertia
+wherever the vehicle moves (decision 49).
 """
 
 import math
@@ -42,7 +44,7 @@ from companion.core.observer import (
 )
 
 MEMORY_S = 20.0
-SPREAD_MEMORY_S = 5.0
+SPREAD_MEMORY_S = 20.0
 START_SPREAD = (0.002, 0.004)
 """Innovations' standard deviation to begin with: m and m/s, rad and rad/s."""
 
@@ -52,26 +54,26 @@ DOUBTED = 4.0
 OUTLIER = 4.0
 """Innovations beyond so many standard deviations count as these."""
 
-PRIOR_LOG_GAIN, PRIOR_LAG_S = 0.5, 0.1
-"""Standard deviations of γ and T as far as is known beforehand."""
+PRIOR_LOG_GAIN, PRIOR_LAG_S, PRIOR_LOG_DRAG = 0.5, 0.1, 1.0
+"""Standard deviations of γ, T and log b as far as is known beforehand."""
 KNOWN_GAIN, KNOWN_LAG = 1.0 / (PRIOR_LOG_GAIN * PRIOR_LOG_GAIN), 1.0 / (PRIOR_LAG_S * PRIOR_LAG_S)
+KNOWN_DRAG = 1.0 / (PRIOR_LOG_DRAG * PRIOR_LOG_DRAG)
 """P⁻¹."""
 
 MOST_LOG_GAIN = math.log(4.0)
 LEAST_LAG_S, MOST_LAG_S = 0.04, 0.4
-LOG_GAIN_PER_S, LAG_PER_S = 1.0, 0.2
-"""Fastest change of γ and T."""
+LOG_GAIN_PER_S, LAG_PER_S = 3.0, 0.6
+"""Fastest change of γ and T: a limit cycle of a strong vehicle lasts for a second."""
 
-DISTURBANCE_RATIO = 4.0
-"""Disturbance noise of this observer over that of the control, so that waves weigh less (decision 12)."""
+DISTURBANCE_RATIO = (4.0, 4.0, 1.0, 1.0)
+"""Disturbance noise of this observer over that of the control, of x, y, z and psi: horizontally waves may
+exceed the thrust, and weigh less with more of it."""
 
-INFORMED = 1.0
+INFORMED = 0.3
 """Information on γ over that of PRIOR_LOG_GAIN, from which on anything is learnt."""
 
-SURE, SURE_OF_LESS = 1.0, 2.5
-TOLERATED_LOG_GAIN, TOLERATED_LAG_S = 0.1, 0.02
-"""The model in use follows what was found at so many standard deviations, the tolerated ones among them. It
-takes more to believe in a vehicle that answers less: more would be asked of it."""
+TOLERATED_LOG_GAIN, TOLERATED_LAG_S = 0.05, 0.02
+"""So far the model in use may be from what was found, beside its standard deviation."""
 
 MEASURED_S, OFTEN = 0.2, 0.7
 """Nothing is learnt of data that come in less than OFTEN of the ticks of MEASURED_S."""
@@ -88,13 +90,17 @@ class Theta(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What one tick says of θ: φᵀ S⁻¹ ν, and φᵀ S⁻¹ φ."""
+    """What one tick says of γ, T and log b: φᵀ S⁻¹ ν, and φᵀ S⁻¹ φ."""
 
     gain: float
     lag: float
+    drag: float
     gain_gain: float
     gain_lag: float
+    gain_drag: float
     lag_lag: float
+    lag_drag: float
+    drag_drag: float
 
 
 class Found(NamedTuple):
@@ -103,22 +109,26 @@ class Found(NamedTuple):
     theta: Theta
     gain_gain: float
     gain_lag: float
+    gain_drag: float
     lag_lag: float
+    lag_drag: float
+    drag_drag: float
 
 
 class ModelState(NamedTuple):
-    """The observer of one degree of freedom, its derivatives by γ and T, and the innovations' variances."""
+    """The observer of one degree of freedom, its derivatives, and the innovations' variances."""
 
     observer: ObserverState
     by_gain: ObserverState
     by_lag: ObserverState
+    by_drag: ObserverState
     position_variance: float
     rate_variance: float
     measured: float
     """The share of the last steps, over MEASURED_S, in which anything was measured."""
 
 
-NO_EVIDENCE = Evidence(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_EVIDENCE = Evidence(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def start(position: float, measured: float = 1.0) -> ModelState:
@@ -128,6 +138,7 @@ def start(position: float, measured: float = 1.0) -> ModelState:
         observer=at_rest(position),
         by_gain=rest,
         by_lag=rest,
+        by_drag=rest,
         position_variance=q * q,
         rate_variance=v * v,
         measured=measured,
@@ -147,39 +158,50 @@ def observe(
     if measured < OFTEN:
         place, rest = sample.position, at_rest(0.0)
         observed = state.observer if math.isnan(place) else at_rest(place)
-        return state._replace(observer=observed, by_gain=rest, by_lag=rest, measured=measured), NO_EVIDENCE
-    observed, by_gain, by_lag = _advanced(state, theta, push, math.exp(dt_s / -parameters.slow_time_s))
+        return ModelState(observed, rest, rest, rest, spread_q, spread_v, measured), NO_EVIDENCE
+    slow = math.exp(dt_s / -parameters.slow_time_s)
+    observed, by_gain, by_lag, by_drag = _advanced(state, theta, push, slow)
     nu_q, nu_v = innovation(observed, sample, angular)
     (gain_q, gain_v), (lag_q, lag_v) = slopes(by_gain, sample), slopes(by_lag, sample)
+    drag_q, drag_v = slopes(by_drag, sample)
     spread_q, spread_v = _spread(spread_q, nu_q, dt_s), _spread(spread_v, nu_v, dt_s)
     observed = correct(parameters, observed, nu_q, nu_v)
     by_gain = correct(parameters, by_gain, -gain_q, -gain_v)
     by_lag = correct(parameters, by_lag, -lag_q, -lag_v)
-    after = ModelState(observed, by_gain, by_lag, spread_q, spread_v, measured)
+    by_drag = correct(parameters, by_drag, -drag_q, -drag_v)
+    after = ModelState(observed, by_gain, by_lag, by_drag, spread_q, spread_v, measured)
     nu_q, nu_v = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
     weight_q, weight_v = 1.0 / (DOUBTED * spread_q), 1.0 / (DOUBTED * spread_v)
-    gain = weight_q * gain_q * nu_q + weight_v * gain_v * nu_v
-    lag = weight_q * lag_q * nu_q + weight_v * lag_v * nu_v
-    gain_gain = weight_q * gain_q * gain_q + weight_v * gain_v * gain_v
-    gain_lag = weight_q * gain_q * lag_q + weight_v * gain_v * lag_v
-    lag_lag = weight_q * lag_q * lag_q + weight_v * lag_v * lag_v
-    return after, Evidence(gain, lag, gain_gain, gain_lag, lag_lag)
+    return after, Evidence(
+        gain=weight_q * gain_q * nu_q + weight_v * gain_v * nu_v,
+        lag=weight_q * lag_q * nu_q + weight_v * lag_v * nu_v,
+        drag=weight_q * drag_q * nu_q + weight_v * drag_v * nu_v,
+        gain_gain=weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
+        gain_lag=weight_q * gain_q * lag_q + weight_v * gain_v * lag_v,
+        gain_drag=weight_q * gain_q * drag_q + weight_v * gain_v * drag_v,
+        lag_lag=weight_q * lag_q * lag_q + weight_v * lag_v * lag_v,
+        lag_drag=weight_q * lag_q * drag_q + weight_v * lag_v * drag_v,
+        drag_drag=weight_q * drag_q * drag_q + weight_v * drag_v * drag_v,
+    )
 
 
 def _advanced(
     state: ModelState, theta: Theta, push: Push, slow: float
-) -> tuple[ObserverState, ObserverState, ObserverState]:
-    """Return the observer and its derivatives by γ and T after a step, before what is measured."""
-    u, dt_s, f, lag_s = push.u, push.dt_s, state.observer.f, theta.lag_s
-    model = coefficients(push, math.exp(theta.log_gain), lag_s, dt_s)
+) -> tuple[ObserverState, ObserverState, ObserverState, ObserverState]:
+    """Return the observer and its derivatives by γ, T and log b after a step, before what is measured."""
+    u, dt_s, lag_s = push.u, push.dt_s, theta.lag_s
+    gain = math.exp(theta.log_gain)
+    model = coefficients(push, gain, lag_s, dt_s)
     _, keep, _, pushed = model
     observed = coasted(model, slow, state.observer, u)
-    more_f = (f - u) * keep * dt_s / (lag_s * lag_s)
-    by_gain = _driven(model, state.by_gain, slow, pushed * (f + observed.f), 0.0)
-    return observed, by_gain, _driven(model, state.by_lag, slow, pushed * more_f, more_f)
+    more_f = (state.by_gain.f - push.own) * keep * dt_s / (lag_s * lag_s)
+    by_gain = coasted(model, slow, state.by_gain, push.own)
+    by_lag = driven(model, state.by_lag, slow, pushed * more_f, more_f)
+    dragged = pushed * (push.c / gain) * (state.observer.v + observed.v)
+    return observed, by_gain, by_lag, driven(model, state.by_drag, slow, -dragged, 0.0)
 
 
-def _driven(
+def driven(
     model: StepCoefficients, slope: ObserverState, slow: float, more_v: float, more_f: float
 ) -> ObserverState:
     """Let a derivative go on, which gains `more_v` and `more_f` beside the model's own motion."""
@@ -206,44 +228,73 @@ def shared(one: Evidence, share: float, other: Evidence, other_share: float) -> 
     return Evidence(
         gain=share * one.gain + other_share * other.gain,
         lag=share * one.lag + other_share * other.lag,
+        drag=share * one.drag + other_share * other.drag,
         gain_gain=squared * one.gain_gain + other_squared * other.gain_gain,
         gain_lag=squared * one.gain_lag + other_squared * other.gain_lag,
+        gain_drag=squared * one.gain_drag + other_squared * other.gain_drag,
         lag_lag=squared * one.lag_lag + other_squared * other.lag_lag,
+        lag_drag=squared * one.lag_drag + other_squared * other.lag_drag,
+        drag_drag=squared * one.drag_drag + other_squared * other.drag_drag,
+    )
+
+
+def remembered(found: Found, evidence: Evidence, dt_s: float) -> Found:
+    """Return what is known after a tick: R' = φᵀ S⁻¹ φ − R/MEMORY_S."""
+    keep = math.exp(-dt_s / MEMORY_S)
+    return Found(
+        theta=found.theta,
+        gain_gain=keep * found.gain_gain + evidence.gain_gain,
+        gain_lag=keep * found.gain_lag + evidence.gain_lag,
+        gain_drag=keep * found.gain_drag + evidence.gain_drag,
+        lag_lag=keep * found.lag_lag + evidence.lag_lag,
+        lag_drag=keep * found.lag_drag + evidence.lag_drag,
+        drag_drag=keep * found.drag_drag + evidence.drag_drag,
+    )
+
+
+def without_drag(found: Found, evidence: Evidence) -> tuple[float, float, float, float, float]:
+    """Return information and evidence on γ and T alone: what the drag may explain is left out."""
+    drag = found.drag_drag + KNOWN_DRAG
+    of_gain, of_lag = found.gain_drag / drag, found.lag_drag / drag
+    return (
+        found.gain_gain - of_gain * found.gain_drag,
+        found.gain_lag - of_gain * found.lag_drag,
+        found.lag_lag - of_lag * found.lag_drag,
+        evidence.gain - of_gain * evidence.drag,
+        evidence.lag - of_lag * evidence.drag,
     )
 
 
 def learn(found: Found, evidence: Evidence, dt_s: float) -> Found:
     """Take in the evidence of one tick; θ stays where it is too little."""
-    keep = math.exp(-dt_s / MEMORY_S)
-    gain_gain = keep * found.gain_gain + evidence.gain_gain
-    gain_lag = keep * found.gain_lag + evidence.gain_lag
-    lag_lag = keep * found.lag_lag + evidence.lag_lag
+    after = remembered(found, evidence, dt_s)
+    gain_gain, gain_lag, lag_lag, of_gain, of_lag = without_drag(after, evidence)
     log_gain, lag_s = found.theta
     if gain_gain > INFORMED * KNOWN_GAIN:
         a, b = gain_gain + KNOWN_GAIN, lag_lag + KNOWN_LAG
         determinant = _determinant(a, b, gain_lag)
-        more = (b * evidence.gain - gain_lag * evidence.lag) / determinant
-        later_s = (a * evidence.lag - gain_lag * evidence.gain) / determinant
+        more = (b * of_gain - gain_lag * of_lag) / determinant
+        later_s = (a * of_lag - gain_lag * of_gain) / determinant
         lag_s = clamped(lag_s + limited(later_s, LAG_PER_S * dt_s), LEAST_LAG_S, MOST_LAG_S)
         if lag_s == found.theta.lag_s:
-            more = evidence.gain / a
+            more = of_gain / a
         log_gain = _more_gain(log_gain, more, dt_s)
     if not math.isfinite(log_gain + lag_s + gain_gain + lag_lag):
         return found
-    theta = Theta(log_gain, lag_s)
-    return Found(theta=theta, gain_gain=gain_gain, gain_lag=gain_lag, lag_lag=lag_lag)
+    return after._replace(theta=Theta(log_gain, lag_s))
 
 
 def learn_gain(found: Found, evidence: Evidence, of_lag: Found, dt_s: float) -> Found:
     """Take in the evidence of one tick on γ alone; T is what `of_lag` found of it."""
-    gain_gain = math.exp(-dt_s / MEMORY_S) * found.gain_gain + evidence.gain_gain
+    after = remembered(found, evidence, dt_s)
+    gain_gain, _, _, of_gain, _ = without_drag(after, evidence)
     log_gain = found.theta.log_gain
     if gain_gain > INFORMED * KNOWN_GAIN:
-        log_gain = _more_gain(log_gain, evidence.gain / (gain_gain + KNOWN_GAIN), dt_s)
+        log_gain = _more_gain(log_gain, of_gain / (gain_gain + KNOWN_GAIN), dt_s)
     if not math.isfinite(log_gain + gain_gain):
         return found
     theta = Theta(log_gain, of_lag.theta.lag_s)
-    return Found(theta=theta, gain_gain=gain_gain, gain_lag=0.0, lag_lag=of_lag.lag_lag)
+    return after._replace(theta=theta, gain_lag=0.0, lag_lag=of_lag.lag_lag, lag_drag=0.0)
 
 
 def _more_gain(log_gain: float, more: float, dt_s: float) -> float:
@@ -258,9 +309,10 @@ def _determinant(a: float, b: float, c: float) -> float:
 
 def covariance(found: Found) -> tuple[float, float, float]:
     """Return (R + P⁻¹)⁻¹: variance of γ, covariance, variance of T."""
-    a, b = found.gain_gain + KNOWN_GAIN, found.lag_lag + KNOWN_LAG
-    determinant = _determinant(a, b, found.gain_lag)
-    return b / determinant, -found.gain_lag / determinant, a / determinant
+    gain_gain, gain_lag, lag_lag, _, _ = without_drag(found, NO_EVIDENCE)
+    a, b = gain_gain + KNOWN_GAIN, lag_lag + KNOWN_LAG
+    determinant = _determinant(a, b, gain_lag)
+    return b / determinant, -gain_lag / determinant, a / determinant
 
 
 def doubt(found: Found) -> tuple[float, float]:
@@ -269,10 +321,10 @@ def doubt(found: Found) -> tuple[float, float]:
     return square_root(gain), square_root(lag)
 
 
-def follow(used: Theta, found: Found) -> Theta:
+def follow(used: Theta, found: Found, sure_of_less: float) -> Theta:
     """Return the model to use: the one in use as long as it may be true, else nearer to what was found.
 
-    It goes along the straight line to θ until θ is so many standard deviations away.
+    It goes along the straight line to θ until θ is one standard deviation away, or `sure_of_less`.
     """
     gain, both, lag = covariance(found)
     gain = gain + TOLERATED_LOG_GAIN * TOLERATED_LOG_GAIN
@@ -281,7 +333,7 @@ def follow(used: Theta, found: Found) -> Theta:
     off, off_s = used.log_gain - theta.log_gain, used.lag_s - theta.lag_s
     determinant = _determinant(gain, lag, both)
     squared = (lag * off * off - 2.0 * both * off * off_s + gain * off_s * off_s) / determinant
-    sure = SURE_OF_LESS if off > 0.0 else SURE
+    sure = sure_of_less if off > 0.0 else 1.0
     if not squared > sure * sure:
         return used
     share = sure / math.sqrt(squared)

@@ -131,7 +131,7 @@ def tables_in_steps(config: Config, model: Model, dof: int) -> Steps[None]:
 def _vehicles(config: Config, model: Model, dof: int) -> tuple[DesignVehicle, DesignVehicle]:
     """Return a degree of freedom as control takes it, and as the search for its gain and lag does."""
     noise = config.axes[dof].disturbance_noise
-    return vehicle(config, model, dof, noise), vehicle(config, model, dof, DISTURBANCE_RATIO * noise)
+    return vehicle(config, model, dof, noise), vehicle(config, model, dof, DISTURBANCE_RATIO[dof] * noise)
 
 
 @functools.lru_cache(maxsize=128)

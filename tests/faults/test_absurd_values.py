@@ -66,7 +66,7 @@ def test_an_absurd_number_passes_without_a_trace(message, field, value):
 )
 def test_spikes_of_a_barometer_are_left_out_and_told(source, spiked):
     """A reading each second is 9 m too shallow, in each message that has it."""
-    dive = active("sensors.dvl=false", companion=[f"vehicle.depth_source={source}"], seconds=6.0)
+    dive = active("sensors.dvl=false", companion=[f"vehicle.depth_source={source}"], seconds=8.0)
     begun_s = dive.t_s
 
     def change(kind, values):

@@ -203,7 +203,7 @@ def test_stamps_that_stray_do_not_set_it_swinging(stray_s):
 def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, number):
     """Error of the observer between samples, (I - K H) A^n; H has the rates by which they are brought."""
     for parameters, m, d1, d2, most_s in zip(
-        [one.control[number] for one in estimator().memory.learner.schedule.observers],
+        [one.control[number] for one in estimator().memory.learner.schedule.dofs],
         M,
         D1,
         D2,
@@ -212,7 +212,7 @@ def test_as_far_as_a_sample_is_brought_its_error_does_not_feed_itself(side, numb
     ):
         gain = np.transpose((parameters.by_position, parameters.by_rate))
         for speed in (0.0, 0.1, 0.5, 1.0, 2.0):
-            push = Push(0.0, m, d1 + speed * d2, TICK_S)
+            push = Push(0.0, m, d1 + speed * d2, TICK_S, 0.0)
             units = [ObserverState(*row) for row in np.eye(6)]
             A = np.transpose([advance(parameters, unit, push, 1.0) for unit in units])
             H = np.transpose(

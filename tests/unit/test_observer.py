@@ -30,7 +30,7 @@ D = np.array([4.0, -3.0, 12.0, -0.4])
 
 
 def push(dof, u, dt_s=TICK_S):
-    return Push(u, M[dof], C[dof], dt_s)
+    return Push(u, M[dof], C[dof], dt_s, u)
 
 
 def thrust(t):
