@@ -1,5 +1,6 @@
 """The thrust of the commands that were sent, oldest first; before the first of them nothing was sent."""
 
+import math
 from typing import NamedTuple
 
 from companion.records import ZERO, Vector, vector
@@ -9,11 +10,14 @@ KEPT_S = 1.5
 
 LONG_AGO_S = -1e6
 
+SLOW_S = 0.1
+"""What answers a disturbance is low-passed by this: a wave is slower, a limit cycle quicker."""
+
 
 class SentCommand(NamedTuple):
     """When a command was sent, its thrust in NED (N, N·m), and the impulse of all before it (N·s, N·m·s).
 
-    `d_hat` is what of the thrust answers a disturbance.
+    `d_hat` is what of the thrust answers a disturbance that is slower than SLOW_S.
     """
 
     t_s: float
@@ -33,8 +37,10 @@ def appended(commands: list[SentCommand], t_s: float, tau: Vector, d_hat: Vector
     first = 0
     while first < len(commands) - 1 and commands[first + 1].t_s < t_s - KEPT_S:
         first += 1
-    kept = commands[first:]
-    kept.append(SentCommand(t_s, tau, _impulse(last, last.tau, t_s - last.t_s), d_hat))
+    kept, dt_s = commands[first:], t_s - last.t_s
+    share = 1.0 - math.exp(-dt_s / SLOW_S)
+    slow = vector([last.d_hat[dof] + share * (d_hat[dof] - last.d_hat[dof]) for dof in range(4)])
+    kept.append(SentCommand(t_s, tau, _impulse(last, last.tau, dt_s), slow))
     return kept
 
 
@@ -64,7 +70,7 @@ def mean_thrusts(
 
 
 def answered(commands: list[SentCommand], dof: int, at_s: float) -> float:
-    """Return what of the thrust that was in force at a moment answers a disturbance."""
+    """Return what of the thrust that was in force at a moment answers a slow disturbance."""
     i = len(commands) - 1
     while i > 0 and commands[i].t_s > at_s:
         i -= 1
