@@ -1,8 +1,16 @@
 """A vehicle far weaker and later than the nominal one is held better with what was found of it."""
 
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
 from companion.config import load_config
+from companion.records import Z
+from lab.loop.dive import engaging
+from lab.loop.scenarios import water
 from lab.studies import corners
 from lab.studies.corners import Cell, dive
+from lab.studies.vehicles import DEPTH_M, Trial, path
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.config import load_config as load_plant
 
@@ -21,3 +29,27 @@ def test_a_weak_and_late_vehicle_is_held_better(monkeypatch) -> None:
     monkeypatch.setattr(corners, "SETTLED_S", 25.0)
     without, adapted = (depth_mm(adapts, WEAK) for adapts in ("false", "true"))
     assert adapted < 0.7 * without
+
+
+def heavy_and_late(share: float, lag_s: float) -> Trial:
+    """Return one with 1/`share` times the inertia per thrust, up and down on a path from 12 s on."""
+    hull, thrusters = BASE.hull, BASE.thrusters
+    drag = {
+        name: tuple(share * each for each in getattr(hull, name))
+        for name in ("linear_damping", "quadratic_damping")
+    }
+    weak = replace(thrusters, gain=tuple(share * each for each in thrusters.gain), lag_s=lag_s)
+    plant = water(replace(BASE, hull=replace(hull, **drag), thrusters=weak), depth_m=DEPTH_M, dvl=False)
+    return Trial(plant, path)
+
+
+def test_a_heavy_and_late_vehicle_is_known_after_its_first_approach_and_follows_a_path() -> None:
+    """The depth of the EKF is not known better than by 6 mm there; it was 11.4 mm."""
+    trial, share = heavy_and_late(1 / 2.1, 0.3), 28.5 / (2.1 * 32.2)
+    with engaging(load_config(), trial.plant, trial.target(0.0), seed=1, link=trial.link) as loop:
+        steps = list(loop.run(50.0, trial.target))
+    found = [step.sample.state.model.found_gain[Z] for step in steps if step.sample.state.model is not None]
+    assert found[350] == pytest.approx(share, rel=0.25)
+    assert steps[-1].sample.state.delays.hidden_s < 0.02
+    error_m = np.array([step.truth.eta[Z] - step.sample.dofs.x_d[Z] for step in steps if step.t_s > 25.0])
+    assert 1e3 * error_m.std() < 8.5
