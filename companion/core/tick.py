@@ -23,6 +23,9 @@ WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
 
 
+LEVELLING_DOUBTS = 2.5
+
+
 class Parameters(NamedTuple):
     """What is known beforehand."""
 
@@ -228,11 +231,11 @@ def known_of(
 def levelling_gain(model: VehicleModel) -> float:
     """Return the gain for which roll and pitch are levelled, from that of heave, whose thrusters they share.
 
-    For a weak vehicle it is the gain found plus one standard deviation, before the law uses it: a vehicle
-    that is levelled too softly tips over, and too stiff is safe up to a factor of 2.3.
+    Of a weak vehicle it is LEVELLING_DOUBTS standard deviations above what was found: the gain margin of
+    levelling is 2.3, and waves make heave look weaker than it is.
     """
-    most = model.found_gain[Z] * math.exp(model.log_gain_doubt[Z])
-    return most if most < model.gain[Z] else model.gain[Z]
+    most = model.found_gain[Z] * math.exp(LEVELLING_DOUBTS * model.log_gain_doubt[Z])
+    return max(model.gain[Z], min(most, 1.0))
 
 
 def begun(control: Control, memory: ControlMemory, permission: Permission, ahead: Ahead) -> ControlMemory:
