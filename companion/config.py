@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from ipaddress import ip_network
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import msgspec
 
@@ -67,6 +67,9 @@ class FrameModel(Section, frozen=True):
 
 class VehicleSection(FrameModel, frozen=True):
     """Who is steered, and by which messages."""
+
+    also_known: ClassVar = ("preset",)
+    """Read before the rest, by `_layers`."""
 
     name: Annotated[Name, means("in the Zenoh keys: holdfast/{name}/...")] = "bluerov2"
     steering_mode: Annotated[

@@ -108,7 +108,7 @@ def explained(
     hint = _hint_at(kind, parts)
     if field := re.search(r"(unknown|required) field `(.+)`", message):
         name = f"{place}.{field[2]}" if place else field[2]
-        known = ", ".join(getattr(hint, "__struct_fields__", ()))
+        known = ", ".join((*getattr(hint, "also_known", ()), *getattr(hint, "__struct_fields__", ())))
         return f"{name}: unknown key; known here: {known}" if field[1] == "unknown" else f"{name}: missing"
     value: Any = table
     for part in parts:

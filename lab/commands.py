@@ -97,6 +97,8 @@ def schema(argv: list[str]) -> int:
     parser = command_parser("lab schema", about, SCHEMA_EXAMPLES)
     parser.add_argument("--write", action="store_true", help="update the generated pages of docs/")
     parser.add_argument("--json", type=Path, metavar="DIR", help="write JSON Schemas there")
+    stamp = "with --write, for a release: tables say whether they measured this code"
+    parser.add_argument("--stamp", action="store_true", help=stamp)
     arguments = parser.parse_args(argv)
     from lab.documents import pages, schemas, write
 
@@ -105,7 +107,9 @@ def schema(argv: list[str]) -> int:
         for name, content in schemas().items():
             (arguments.json / name).write_bytes(content)
     elif arguments.write:
-        sys.stdout.write("".join(f"docs/{path.name}\n" for path in write()) or "nothing was stale\n")
+        sys.stdout.write(
+            "".join(f"docs/{path.name}\n" for path in write(arguments.stamp)) or "nothing was stale\n"
+        )
     else:
         sys.stdout.write(pages()["telemetry.md"])
     return 0

@@ -44,9 +44,10 @@ def pages() -> dict[str, str]:
     return {name: supervisor_page.wrapped("\n".join(lines)) + "\n" for name, lines in made.items()}
 
 
-def write() -> list[Path]:
-    """Write the pages into docs/ and return what changed."""
-    wanted = {results_page.PAGE: results_page.filled().encode()}
+def write(stamp: bool = False) -> list[Path]:
+    """Write the pages into docs/, tables stamped if it is a release, and return what changed."""
+    page = results_page.PAGE.read_text(encoding="utf-8")
+    wanted = {results_page.PAGE: results_page.filled(page, stamp).encode()}
     wanted[supervisor_page.PAGE] = supervisor_page.page().encode()
     for name, made in pages().items():
         head, mark, _ = (DOCS / name).read_text(encoding="utf-8").partition(MARK)

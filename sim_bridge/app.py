@@ -205,6 +205,7 @@ async def serve(vehicle: Vehicle, settings: Settings, stop: asyncio.Event) -> No
                 partial(_UdpCaller, links, endpoint), remote_addr=endpoint
             )
             stack.callback(caller.close)
+            LOG.info("calling udp %s:%d: QGroundControl listens on 14550, and can arm", *endpoint)
         asked: deque[Fault] = deque(maxlen=MAX_INBOX)
         publish = _publisher(stack, settings, asked.append if settings.live_faults else None)
         await _pace(vehicle, links, asked, publish, stop)

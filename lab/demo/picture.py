@@ -43,7 +43,7 @@ def draw(
         _frame(panel, story)
     held = {name: result.depth_rms_mm for name, result in results.items()}
     figure.suptitle(
-        f"Depth error: ALT_HOLD {held['alt_hold']:.0f} mm RMS, law {held['law']:.1f}, "
+        f"Depth error: ALT_HOLD (default gains) {held['alt_hold']:.0f} mm RMS, law {held['law']:.1f}, "
         f"law + observer {held['observer']:.1f}, Holdfast {held['holdfast']:.1f}\n",
         fontsize=15,
         fontweight="bold",

@@ -214,3 +214,8 @@ class TestPresets:
         assert text.count("# sd 0.5") == 1
         (tmp_path / "written.toml").write_text(text, encoding="utf-8")
         assert load_vehicle(tmp_path / "written.toml") == vehicle
+
+
+def test_a_misspelt_preset_is_told_how_it_is_spelt():
+    with pytest.raises(ConfigError, match=r"vehicle\.presett: unknown key; known here: preset, "):
+        load_config(overrides=["vehicle.presett=heavy"])

@@ -31,7 +31,7 @@ def test_json_schemas_are_written_where_they_are_asked_for(tmp_path: Path) -> No
 
 def test_the_tables_of_the_pages_are_those_of_their_files() -> None:
     written = results_page.PAGE.read_text(encoding="utf-8")
-    assert written == results_page.filled(), "results.md is stale: run `holdfast lab schema --write`"
+    assert written == results_page.filled(written), "results.md is stale: run `holdfast lab schema --write`"
     shown = {name for _, _, name, _ in results_page.MARKED.findall(written)}
     assert shown >= {path.stem for path in results_page.FOLDER.glob("*.json")}
 
@@ -60,7 +60,17 @@ def test_a_table_says_whether_what_decides_a_dive_has_changed(tmp_path: Path) ->
         ("KAPPA = 4.0\n", "**older code**"),
     ):
         source.write_text(line, encoding="utf-8")
-        assert results_page.made(measured, measured_code(tmp_path)).endswith(f"{said}\n")
+        assert results_page.age(measured, measured_code(tmp_path)) == said
+
+
+def test_a_stamp_is_made_at_a_release_and_goes_with_the_table_that_it_is_of() -> None:
+    name = sorted(results_page.FOLDER.glob("*.json"))[0].stem
+    line = results_page.made(json.loads((results_page.FOLDER / f"{name}.json").read_text())["provenance"])
+    for old, kept in ((f"{line}, 1.0.0: same code", True), (f"{line[:-1]}x, 1.0.0: same code", False)):
+        page = f"<!--made:{name}-->\n\n{old}\n\n<!--end-->\n"
+        assert (old in results_page.filled(page)) is kept
+        assert f"{line}\n" in results_page.filled(page) or kept
+        assert f"{line}, 1.0.0: " in results_page.filled(page, stamp=True)
 
 
 def test_every_python_makes_the_same_digest_of_the_code(tmp_path: Path) -> None:

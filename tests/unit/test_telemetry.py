@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from companion.records import DOFS, Ages, ControlSample
+from companion.records import DOFS, Ages, Condition, ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
@@ -42,6 +42,26 @@ def test_what_is_encoded_is_what_is_decoded(make_sample: MakeSample) -> None:
         decoded = telemetry.decode(key, payload)
         assert type(decoded) is type(record)
         assert decoded == record
+
+
+OF_EVERY_TICK = {
+    *("t_s", "boot_s", "absent", "x_desired_m", "y_desired_m", "depth_desired_m", "heading_desired_rad"),
+    *("roll_desired_rad", "pitch_desired_rad", "altitude_desired_m", "depth_offset_m", "pending", "guidance"),
+    *("path_number", "path_progress_m", "path_length_m", "path_speed_mps", "path_left_m", "path_left_s"),
+    *("dead_motor", "reversed_motor", "current_north_mps", "current_east_mps", "current_doubt_mps"),
+    "altitude_m",
+}
+"""Fields of State that are made in each tick, or NaN: never an old value."""
+
+
+def test_a_field_of_the_state_is_absent_when_its_source_is_silent(make_sample: MakeSample) -> None:
+    """A new field of State belongs to its source in `_STALE` of telemetry/samples.py, or to OF_EVERY_TICK."""
+    sample = make_sample()
+    verdict = replace(sample.verdict, conditions=Condition.LINK_LOST)
+    silent = replace(sample, state=replace(sample.state, stale=(True,) * 4), verdict=verdict)
+    state = samples.records(silent)[0]
+    assert set(state.absent) | OF_EVERY_TICK == set(state.__struct_fields__)
+    assert not set(state.absent) & OF_EVERY_TICK
 
 
 def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:
