@@ -34,6 +34,7 @@ of `holdfast fault` from their arrival.
 FAULT_EXAMPLES = """\
 examples:
   holdfast fault thruster,thruster=3,value=0.2,duration_s=20    a fifth of its thrust is left
+  holdfast fault stick,axis=z,value=1,duration_s=5              the pilot's stick is full up, then released
   holdfast fault leak --name kelp                               to the simulator of this name
   holdfast fault clear                                          all faults end
 Exit status: 0 it begins, 1 no simulator takes faults there.

@@ -1,7 +1,7 @@
 """What can break: one table of kinds, and the record of one fault."""
 
 from math import inf, isfinite
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -40,6 +40,12 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "reboot": FaultKind("once: the autopilot restarts", on_firmware=True),
     "disarm": FaultKind("once: the motors are disarmed", on_firmware=True),
     "mode": FaultKind("once: another flight mode", "its number", 0.0, 255.0, on_firmware=True),
+    "stick": FaultKind(
+        "a ground station with its own link moves the stick of `axis` (x, y, z, r); the others rest",
+        "deflection; z is positive up",
+        -1.0,
+        1.0,
+    ),
     "parameter": FaultKind("once: `parameter` gets another value", "that value", on_firmware=True),
     "thruster": FaultKind(
         "number `thruster` keeps only this part of its thrust; below 0 it pushes the other way",
@@ -105,6 +111,8 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     message: str = ""
     """message_*: the MAVLink name, or empty for every telemetry message."""
     parameter: str = ""
+    axis: Literal["x", "y", "z", "r"] = "z"
+    """stick: as MANUAL_CONTROL names them."""
     thruster: Annotated[int, Meta(ge=1, le=8)] = 1
     count: Annotated[int, Meta(ge=1, le=1000)] = 1
     """yaw_reset, position_reset: how many, spread over duration_s."""

@@ -202,6 +202,8 @@ class Vehicle:
         autopilot.ekf_doubt = faults.value("ekf") if faults.holds("ekf") else None
         autopilot.aid(self._sensors.aided)
         self._supply(autopilot)
+        if stick := faults.holds("stick"):
+            autopilot.move_stick(stick.axis, stick.value)
         physics.health, physics.stuck = faults.health(), faults.stuck()
         autopilot.withhold_origin(faults.holds("origin_late") is not None)
         false_range_m = faults.value("range_false") if faults.holds("range_false") else None

@@ -90,6 +90,17 @@ as UNSTEADY."""
 ENDED = {condition.ended: condition.text for condition in Condition if condition.ended}
 """For the words that a condition has ended, those of its beginning."""
 
+BY_A_PERSON = tuple(
+    condition.text
+    for condition in (
+        Condition.OPERATOR_STOP,
+        Condition.PILOT_TAKEOVER,
+        Condition.WRONG_MODE,
+        Condition.DISARMED,
+    )
+)
+"""Reasons why control ends that a person meant."""
+
 Details = Mapping[Condition, tuple[str, str]]
 """What is found of a condition now, and a remedy in place of the usual one; either may be empty."""
 

@@ -18,7 +18,8 @@ SHARED = (
 def module() -> str:
     """Return the module: MODES by number, STATES by name, the fields of each of COMMANDS by name.
 
-    ENDED gives, for the words that a condition has ended, those of its beginning. WORDS are the others.
+    ENDED gives, for the words that a condition has ended, those of its beginning. BY_A_PERSON are
+    reasons why control ends that somebody meant. WORDS are the others.
     """
     commands = {
         name: {field: about._asdict() for field, about in fields_of(kind).items()}
@@ -29,6 +30,7 @@ def module() -> str:
         "STATES": {name: words.text for name, words in glossary.STATES.items()},
         "COMMANDS": commands,
         "ENDED": ENDED,
+        "BY_A_PERSON": glossary.BY_A_PERSON,
         "WORDS": {name: getattr(glossary, name) for name in SHARED},
     }
     return "".join(

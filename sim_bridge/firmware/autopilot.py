@@ -28,6 +28,8 @@ DIRECTIONS = tuple(f"MOT_{motor}_DIRECTION" for motor in range(1, 9))
 CHANNELS_RAW = attrgetter(*(f"chan{channel}_raw" for channel in range(1, 19)))
 PARAMETERS = tuple(f"param{number}" for number in range(1, 8))
 DEEPEST_M = 1000.0
+STICK = 1000
+"""MANUAL_CONTROL of a full stick; z goes from 0 to this."""
 NO_POSITION, NO_Z = 0b111, 1 << 2
 """Bits of a type_mask: what to ignore."""
 
@@ -101,6 +103,16 @@ class Autopilot(Board):
         """Say so, and hold the same true heading."""
         self.say(INFO, "EKF3 IMU0 MAG0 in-flight yaw alignment complete")
         self.control.yaw_was_reset(turn_rad)
+
+    def move_stick(self, axis: str, deflection: float) -> None:
+        """Hear MANUAL_CONTROL of a ground station with its own link; a router shows it to all others."""
+        x, y, r = (round(STICK * deflection) if axis == name else 0 for name in "xyr")
+        z = round(STICK / 2 * (1.0 + (deflection if axis == "z" else 0.0)))
+        message = mavlink.MAVLink_manual_control_message(self.system, x, y, z, r, buttons=0)
+        system = int(self.params["MAV_GCS_SYSID"])
+        self.failsafes.hear_pilot()
+        self.pilot.manual_control(x, y, z, r, buttons=0, s=0, t=0)
+        self.out += [(number, link.pack(message, system)) for number, link in self.links.items()]
 
     def withhold_origin(self, held: bool) -> None:
         """Have no origin and take none, or get one again."""

@@ -394,6 +394,91 @@ def test_the_pilot_moves_releases_and_engages(dive: Dive, opened: Callable[..., 
     _active(dive, page, ask_in_s=0.0)
 
 
+def test_depth_and_heading_by_one_tap(dive: Dive, opened: Callable[..., Page]) -> None:
+    page = opened(f"/#token={TOKEN}")
+    _wait(page, "!document.querySelector('#depth-to').disabled")
+    page.locator("#depth-to").fill("1.5")
+    page.keyboard.press("Enter")
+    _wait(page, "document.querySelector('#said').textContent.startsWith('goto: on its way to depth 1.5 m')")
+    page.locator("[data-step=depth_m][value='0.1']").click()  # from where it goes, not from where it is
+    page.keyboard.press("ArrowDown")
+    _wait(page, "Math.abs(holdfast.store.value('depth_desired_m') - 1.7) < 0.005")
+    page.keyboard.press("ArrowUp")
+    _wait(page, "Math.abs(holdfast.store.value('depth_desired_m') - 1.6) < 0.005")
+    heading = _get(page, "holdfast.store.value('heading_desired_rad')")
+    page.locator("[data-step=heading_deg][value='-5']").click()
+    _wait(page, f"Math.abs(holdfast.store.value('heading_desired_rad') - ({heading} - 0.0873)) < 0.005")
+    page.locator("#depth-to").fill("900")
+    page.keyboard.press("Enter")
+    _wait(page, "document.querySelector('#said').dataset.level === 'bad'")  # max_depth_m
+    assert "max_depth_m" in (page.locator("#said").text_content() or "")
+    page.locator("#depth-to").fill("1")
+    page.keyboard.press("Enter")
+    _wait(page, "Math.abs(holdfast.store.value('depth_desired_m') - 1) < 0.005")
+
+
+_HEARD = """(() => {
+  window.heard = [];
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (at) {
+    window.heard.push(this.context.state);
+    start.call(this, at);
+  };
+  navigator.vibrate = (pattern) => { if (pattern) window.heard.push("vibration"); return true; };
+})()"""
+
+
+def test_an_alarm_is_heard_and_felt_when_control_ends_without_the_pilot(
+    dive: Dive, opened: Callable[..., Page]
+) -> None:
+    page = opened(f"/#token={TOKEN}")
+    page.evaluate(_HEARD)
+    button = page.locator("#alarm")
+    assert button.text_content() == "touch the page for sound"  # a browser plays none before
+    page.locator("#banner").click(position={"x": 5, "y": 60})
+    _wait(page, "document.querySelector('#alarm').textContent === 'alarm on'")
+    _post(dive.port, "/api/kelp/release", TOKEN)  # somebody meant it
+    _wait(page, "document.querySelector('#banner').dataset.state === 'IDLE'")
+    assert _get(page, "heard.length") == 0
+    _active(dive, page, ask_in_s=0.0)
+    dive.companion.send_signal(signal.SIGSTOP)
+    try:
+        _wait(page, "document.body.dataset.stale === 'yes' && heard.length > 0")
+        assert set(_get(page, "heard")) == {"running", "vibration"}
+        assert button.text_content() == "Silence"
+        button.click()
+        assert button.text_content() == "alarm on"
+        assert page.locator("#state").text_content() == "NO DATA"  # the words stay
+        count = _get(page, "heard.length")
+        time.sleep(2.5)
+        assert _get(page, "heard.length") == count
+    finally:
+        dive.companion.send_signal(signal.SIGCONT)
+    _active(dive, page)
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "sounds"),
+    [
+        ("RAMP_DOWN", "the operator released the vehicle", False),
+        ("PILOT", "the pilot steers", False),
+        ("PILOT", "the flight mode is not the one for steering", False),
+        ("IDLE", "the vehicle is disarmed", False),
+        ("RAMP_DOWN", "no heartbeat of the ground station", True),
+        ("HAND_OVER", "a leak detector is wet", True),
+        ("FAULT", "the vehicle is not heard", True),
+    ],
+)
+def test_what_the_alarm_sounds_for(pages: Page, state: str, reason: str, sounds: bool) -> None:
+    heard = _get(
+        pages,
+        "import('/static/alarm.js').then((m) => {"
+        " const alarm = new m.Alarm(); alarm.hear('ACTIVE', '', false);"
+        f" alarm.hear('{state}', '{reason}', false); return Boolean(alarm.sounds); }})",
+    )
+    assert heard is sounds
+
+
 def test_release_is_one_tap_in_every_state(opened: Callable[..., Page]) -> None:
     page = opened(f"/#token={TOKEN}")
     _wait(page, "!document.querySelector('#release').disabled")
@@ -414,7 +499,7 @@ def test_the_pilots_page_fits_a_phone_and_leads_to_the_engineers(
     page = opened(f"/?vehicle=kelp#token={TOKEN}", width=390)
     assert page.locator(".panel:visible").count() == 4  # horizon, depth and heading for the map, events
     _wait(page, "!document.querySelector('#release').disabled")
-    for name in ("engage", "release", "hold", "wait", "go"):
+    for name in ("engage", "release", "hold", "wait", "go", "depth-to"):
         box = page.locator(f"#{name}").bounding_box()
         assert box
         assert box["height"] >= 44

@@ -73,6 +73,20 @@ def test_a_stuck_thruster_obeys_nobody():
     assert abs(rov.truth().thrust_n[2]) < 0.1
 
 
+def test_a_stick_moves_the_vehicle_and_every_link_hears_of_it():
+    rov, heard = vehicle(), mavlink.MAVLink(None)
+    rov.open_link(0)
+    sticks = []
+    rov.inject(Fault("stick", axis="z", value=-1.0, duration_s=1.0))
+    for _ in range(round(2.0 / rov.step_s)):
+        out = b"".join(data for _, data in rov.step())
+        messages = heard.parse_buffer(out) or []
+        sticks += [m for m in messages if m.get_type() == "MANUAL_CONTROL"]
+    assert len(sticks) == 10  # a second of ten a second: then it is released
+    assert {(m.get_srcSystem(), m.target, m.x, m.y, m.z, m.r) for m in sticks} == {(255, 1, 0, 0, 0, 0)}
+    assert rov.autopilot.pilot.channels[2] < 1500  # down
+
+
 def test_clear_ends_what_holds_and_leaves_what_comes_later():
     faults = Faults(
         (Fault("leak", at_s=0.1), Fault("clear", at_s=0.5), Fault("ekf", at_s=1.0)), np.random.default_rng(1)

@@ -5,6 +5,7 @@ import { COMMANDS, WORDS } from "./vocabulary.js"; // made by the server: dashbo
 const TOKEN = "holdfast-token";
 const SAID_MS = 12_000;
 const SURE_MS = 3000;
+const AIMED_MS = 1000; // until the status says what was ordered
 const GUIDED = ["path", "move", "waiting"];
 
 // The frames of `goto`: title and unit of each coordinate. "body" counts from the vehicle, as the pilot sees it.
@@ -37,6 +38,7 @@ export class Commands extends EventTarget {
     on("said", () => this.tell(""));
     $("unlocking").addEventListener("submit", (event) => { event.preventDefault(); this.unlock($("token").value.trim()); });
     this.buildGoto();
+    this.buildAim();
     this.refresh();
   }
 
@@ -80,7 +82,7 @@ export class Commands extends EventTarget {
     $("release").classList.toggle("danger", open && state !== "FAULT");
     $("engage").classList.toggle("primary", state === "READY" || state === "PILOT");
     $("hold").disabled = !open || state !== "ACTIVE";
-    $("go").disabled = !open || !state;
+    for (const one of [$("go"), ...$("aim").elements]) one.disabled = !open || !state;
     $("wait").disabled = !open || !(paused || GUIDED.includes(guidance));
     say($("wait"), paused ? "Go on" : "Pause");
     this.dispatchEvent(new Event("change"));
@@ -139,6 +141,35 @@ export class Commands extends EventTarget {
     if (!given.length) return;
     const reply = await this.send("goto", { frame: this.frame, ...Object.fromEntries(given.map(({ name, input }) => [name, Number(input.value)])) });
     if (reply.done) $("goto").close();
+  }
+
+  // --- Depth and heading by one tap ---
+
+  buildAim() {
+    const field = $("depth-to");
+    field.max = COMMANDS.goto.depth_m.most;
+    for (const button of $("aim").querySelectorAll("button")) button.addEventListener("click", () => this.step(button.dataset.step, Number(button.value)));
+    $("aim").addEventListener("submit", async (event) => {
+      event.preventDefault();
+      if ((await this.aim({ depth_m: Number(field.value) })).done) field.value = "";
+    });
+  }
+
+  // From where it goes, or is held, or is.
+  step(name, by) {
+    const { guidance, pending } = this.status ?? {};
+    const goes = this.aimed && (guidance === "move" || pending || performance.now() < this.aimedUntil);
+    const from = goes && Number.isFinite(this.aimed[name]) ? this.aimed[name] : this.place(name);
+    if (!this.open || this.silent || !Number.isFinite(from)) return;
+    this.aim({ [name]: Number((name === "depth_m" ? from + by : (from + by + 360) % 360).toFixed(2)) });
+  }
+
+  async aim(place) {
+    this.aimed = { ...this.aimed, ...place };
+    this.aimedUntil = performance.now() + AIMED_MS;
+    const reply = await this.send("goto", place);
+    if (!reply.done) this.aimed = null;
+    return reply;
   }
 
   // --- The token ---

@@ -1,4 +1,5 @@
 // The page: stores what arrives, draws it, and handles the keys.
+import { Alarm } from "./alarm.js";
 import { Banner, STALE_S } from "./banner.js";
 import { Commands } from "./commands.js";
 import { $, colours, el, mark, readColours, say } from "./dom.js";
@@ -84,6 +85,8 @@ const link = new Link({
   },
 }, asked.get("vehicle") ?? "");
 const commands = new Commands(link);
+commands.place = place;
+const alarm = solo ? null : new Alarm();
 const tuning = solo || pilots ? null : new Tuning(view, commands);
 let listed = false;
 
@@ -121,6 +124,14 @@ function build() {
 function slope() {
   const inForce = store.value(`${view.dof}.lambda_per_s`);
   return inForce > 0 ? inForce : config?.[DOFS[view.dof].axis]?.lambda_per_s ?? NaN;
+}
+
+const PLACES = { depth_m: ["z", "depth_desired_m", "depth_m", 1], heading_deg: ["psi", "heading_desired_rad", "heading_rad", 180 / Math.PI] };
+
+// Where it is held, or is.
+function place(name) {
+  const [dof, desired, measured, scale] = PLACES[name];
+  return scale * (store?.value(store.value(`${dof}.engaged`) > 0 ? desired : measured) ?? NaN);
 }
 
 let readAt = 0;
@@ -195,6 +206,8 @@ function choose(name) {
   if (store) store.epoch = -1;
   config = null;
   link.status = null;
+  commands.aimed = null;
+  alarm?.forget();
   forget();
   link.choose(name);
 }
@@ -264,6 +277,12 @@ const pause = () => view.pause(store?.last ?? NaN);
 const KEYS = [
   ["r", "r", "release, when unlocked", () => commands.release()],
   ["Escape", "Esc", "close; back to the present", escape],
+  ...(pilots ? [
+    ["ArrowUp", "↑", "0.1 m up", () => commands.step("depth_m", -0.1)],
+    ["ArrowDown", "↓", "0.1 m down", () => commands.step("depth_m", 0.1)],
+    ["ArrowLeft", "←", "5° to the left", () => commands.step("heading_deg", -5)],
+    ["ArrowRight", "→", "5° to the right", () => commands.step("heading_deg", 5)],
+  ] : []),
   ["v", "v", "next vehicle", nextVehicle],
   ["t", "t", "dark or light", theme],
   ...(pilots ? [] : [
@@ -295,7 +314,7 @@ addEventListener("keydown", (event) => {
   const key = KEYS.find(([name]) => name === (event.key === "=" ? "+" : event.key));
   if (!key || (event.key === " " && event.target.closest?.("button"))) return;
   event.preventDefault();
-  key[3]();
+  if (!event.repeat) key[3]();
 });
 $("freeze").addEventListener("click", pause);
 $("unzoom").addEventListener("click", () => view.live());
@@ -313,7 +332,10 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
 new ResizeObserver(() => { drawn = false; dirty = true; }).observe($("board"));
 setInterval(() => {
   banner.show(link, store);
-  commands.hear(!(link.age <= STALE_S));
+  const silent = !(link.age <= STALE_S);
+  const { state, reason } = link.status?.supervisor ?? {};
+  alarm?.hear(state, reason ?? "", silent);
+  commands.hear(silent);
   commands.positioned(Number.isFinite(store?.value("x_m")));
 }, 100);
 controls();
