@@ -1,4 +1,4 @@
-"""What a dive comes to, in figures: phases, thrust, loop, faults. No drawing."""
+"""What a dive comes to, in figures: phases, thrust, faults, warnings. No drawing."""
 
 import math
 from collections.abc import Sequence
@@ -7,10 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lab.report.log import Array, Columns, Log, StateSpan, between
+from companion.telemetry.modes import MODE_NAMES
+from lab.report.log import Array, Log, StateSpan, between
 
 SETTLE_S = 3.0
 """Time after engaging that does not count as holding."""
+SHORTEST_S = 10.0
+"""A flight mode that lasts so long is a phase of a dive that never engaged."""
 
 
 class HeldAxis(NamedTuple):
@@ -38,42 +41,31 @@ AXES = {
     "y": HeldAxis("east", "y_m", "y_desired_m", "sway_delivered_n", 1e3, "mm", "N", 0.005),
 }
 
-LOOP = {
-    "lateness_ms": ("tick lateness (ms)", 1.0),
-    "compute_us": ("tick compute (µs)", 1.0),
-    "telemetry_delay_s": ("telemetry delay (ms)", 1e3),
-    "command_delay_s": ("command delay (ms)", 1e3),
-    "link_age_s": ("age of the link (s)", 1.0),
-    "depth_age_s": ("age of depth (s)", 1.0),
-}
-"""Columns of `loop` that the page shows: name and scale."""
-
 
 @dataclass(frozen=True)
 class Holding:
     """How well one degree of freedom was held in one phase: mm or degrees, N or N·m.
 
-    Errors and `thrust_mean` are those while the reference rested; `moving_rms` is NaN where it never moved.
+    Errors are those while the reference rested; `moving_rms` is NaN where it never moved. `sd` and `within`,
+    which 95 % of the errors keep, are about the mean error. Thrust is NaN where Holdfast did not steer.
     """
 
     dof: str
     hold_s: float
     rms: float
-    p95: float
+    sd: float
+    within: float
     peak: float
-    bias: float
     moving_rms: float
     thrust_rms: float
-    thrust_mean: float
-    chatter: float
     saturated: float
 
 
 @dataclass(frozen=True)
 class Phase:
-    """An engaged interval, how it ended, and each degree of freedom that was held."""
+    """An engaged interval, or one in `mode` if the dive has none; its end; each axis that was held."""
 
-    number: int
+    mode: str
     begin_s: float
     end_s: float
     ended: str
@@ -82,34 +74,43 @@ class Phase:
 
 @dataclass(frozen=True)
 class DiveFigures:
-    """All of it. `loop`: median, p99 and worst by LOOP."""
+    """All of it."""
 
     warnings: list[str]
     """What a pilot reads first."""
+    older: list[str]
+    """Warnings from before the recording began."""
     phases: list[Phase]
-    faults: list[StateSpan]
-    loop: dict[str, tuple[float, float, float]]
-    voltage_min_v: float
     depth_max_m: float
+
+    @property
+    def columns(self) -> dict[str, Phase]:
+        """The phases by their names in a table."""
+        return {f"phase {number}": phase for number, phase in enumerate(self.phases, 1)}
+
+    @property
+    def longest(self) -> Phase | None:
+        """The phase that lasted longest; None where there is none."""
+        return max(self.phases, key=lambda phase: phase.end_s - phase.begin_s, default=None)
 
 
 def figures(log: Log) -> DiveFigures:
     """Work it out."""
+    engaged = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
     phases: list[Phase] = []
-    for span in log.spans:
-        if span.state == "ACTIVE" and span.end_s > span.begin_s:
-            after = [later for later in log.spans if later.begin_s >= span.end_s]
-            ended = f"{after[0].state}: {after[0].reason}" if after else "the recording ended"
-            held = [figure for dof in AXES if (figure := _held(log, span, dof)) is not None]
-            phases.append(Phase(len(phases) + 1, span.begin_s, span.end_s, ended, held))
-    state = log.keys["state"]
+    for span in engaged or _modes(log):
+        after = [later for later in log.spans if later.begin_s >= span.end_s] if engaged else []
+        ended = f"{after[0].state}: {after[0].reason}" if after else "the recording, or the mode, ended"
+        held = [figure for dof in AXES if (figure := _held(log, span, dof, bool(engaged))) is not None]
+        mode = "Holdfast" if engaged else span.state
+        phases.append(Phase(mode, span.begin_s, span.end_s, ended, held))
+    never = [] if engaged else ["it never engaged: errors are about the mean of each flight mode"]
+    depth_m = log.keys["state"]["depth_m"]
     return DiveFigures(
-        warnings=[*_warnings(log), *([] if phases else ["it never engaged: the table of states says why"])],
+        warnings=[*_warnings(log, since_s=0.0), *_lost(log), *log.notes, *never],
+        older=_warnings(log, since_s=-math.inf, until_s=0.0),
         phases=phases,
-        faults=faults_of(log.spans),
-        loop={column: _spread(log, column) for column in LOOP},
-        voltage_min_v=-_most(-state["voltage_v"]),
-        depth_max_m=_most(state["depth_m"]),
+        depth_max_m=float(np.nanmax(depth_m)) if np.isfinite(depth_m).any() else math.nan,
     )
 
 
@@ -119,71 +120,86 @@ def faults_of(spans: Sequence[StateSpan]) -> list[StateSpan]:
     return [span for span, state in zip(spans, previous, strict=False) if span.state == "FAULT" != state]
 
 
-def error(state: Columns, dof: str) -> Array:
-    """Return measured minus desired at the present, mm or degrees, heading wrapped."""
-    axis = AXES[dof]
-    apart = state[axis.value] - state[axis.desired]
+def error(log: Log, dof: str, begin_s: float, end_s: float, *, engaged: bool = True) -> tuple[Array, Array]:
+    """Return times and measured minus desired, mm or degrees; minus the mean where nothing was engaged."""
+    axis, state = AXES[dof], between(log.keys["state"], begin_s, end_s)
+    value, wanted = state[axis.value], state[axis.desired] if engaged else 0.0
     if dof == "psi":
-        apart = (apart + np.pi) % (2.0 * np.pi) - np.pi
-    return np.asarray(axis.scale * apart)
+        value = value - wanted
+        middle = 0.0 if engaged else np.angle(np.nanmean(np.exp(1j * value)) if value.size else 1.0)
+        return state["at_s"], np.degrees((value - middle + np.pi) % (2.0 * np.pi) - np.pi)
+    apart = axis.scale * (value - wanted)
+    return state["at_s"], apart if engaged else apart - _mean(apart)
 
 
-def _warnings(log: Log) -> list[str]:
-    said = [f"FAULT at {span.begin_s:.1f} s: {span.reason}" for span in faults_of(log.spans)]
+def time_text(seconds: float) -> str:
+    """Return a time in words."""
+    minutes, rest = divmod(seconds, 60.0)
+    return f"{seconds:.1f} s" if seconds < 60.0 else f"{minutes:.0f} min {rest:02.0f} s"
+
+
+def _modes(log: Log) -> list[StateSpan]:
+    """Return the intervals in which the vehicle was armed in one flight mode."""
+    state = log.keys["state"]
+    mode = np.where(state["armed"] > 0.0, state["mode"], np.nan)
+    begins = np.flatnonzero(np.diff(mode, prepend=np.nan) != 0.0)
+    spans = []
+    for first, end in zip(begins, [*begins[1:], mode.size], strict=True):
+        begin_s, end_s = float(state["at_s"][first]), float(state["at_s"][end - 1])
+        if np.isfinite(mode[first]) and end_s - begin_s >= SHORTEST_S:
+            name = MODE_NAMES.get(int(mode[first]), f"mode {mode[first]:.0f}")
+            spans.append(StateSpan(name, begin_s, end_s, ""))
+    return spans
+
+
+def _warnings(log: Log, since_s: float, until_s: float = math.inf) -> list[str]:
+    faults = [span for span in faults_of(log.spans) if since_s <= span.begin_s < until_s]
+    said = [f"FAULT at {time_text(span.begin_s)}: {span.reason}" for span in faults]
     times: dict[str, list[float]] = {}
     for at_s, event in log.events:
-        if event.severity != "info":
+        if event.severity != "info" and since_s <= at_s < until_s:
             times.setdefault(f"{event.severity} ({event.kind}): {event.text}", []).append(at_s)
     for text, seen_s in times.items():
-        again = f", {len(seen_s)} times until {seen_s[-1]:.1f} s" if len(seen_s) > 1 else ""
-        said.append(f"{text}, at {seen_s[0]:.1f} s{again}")
+        again = f", {len(seen_s)} times until {time_text(seen_s[-1])}" if len(seen_s) > 1 else ""
+        said.append(f"{text}, at {time_text(seen_s[0])}{again}")
+    return said
+
+
+def _lost(log: Log) -> list[str]:
     loop = log.keys["loop"]
     steps = np.diff(loop["tick"])
+    late = np.clip(np.diff(loop["late_ticks"]), 0, None).sum()
     lost = {
         "messages were dropped by the recorder": log.dropped,
-        "ticks were left out by the loop, which was late": np.clip(
-            np.diff(loop["late_ticks"]), 0, None
-        ).sum(),
+        "ticks were left out by the loop, which was late": late,
         "ticks are missing in the file": np.clip(steps - 1, 0, None)[steps > 0].sum(),
     }
-    return [*said, *(f"{count:.0f} {what}" for what, count in lost.items() if count), *log.notes]
+    return [f"{count:.0f} {what}" for what, count in lost.items() if count]
 
 
-def _held(log: Log, span: StateSpan, dof: str) -> Holding | None:
-    law, state, command = (
-        between(log.keys[key], span.begin_s, span.end_s) for key in (f"dof/{dof}", "state", "command")
-    )
-    if min(law.size, state.size, command.size) < 10 or not law["engaged"].any():
+def _held(log: Log, span: StateSpan, dof: str, engaged: bool) -> Holding | None:
+    law, command = (between(log.keys[key], span.begin_s, span.end_s) for key in (f"dof/{dof}", "command"))
+    at_s, apart = error(log, dof, span.begin_s, span.end_s, engaged=engaged)
+    if min(law.size, at_s.size, command.size) < 10 or not (law["engaged"].any() if engaged else True):
         return None
-    rate = np.abs(np.interp(state["at_s"], law["at_s"], np.nan_to_num(law["x_d_dot"])))
-    moving = rate > AXES[dof].moving
-    holding = ~moving & (state["at_s"] >= span.begin_s + SETTLE_S)
-    apart = error(state, dof)
-    calm = apart[holding & np.isfinite(apart)]
-    force = command[AXES[dof].force]
+    rate = np.abs(np.interp(at_s, law["at_s"], np.nan_to_num(law["x_d_dot"])))
+    moving = (rate > AXES[dof].moving) & engaged
+    resting = ~moving & (at_s >= span.begin_s + SETTLE_S)
+    calm = apart[resting & np.isfinite(apart)]
+    if not (engaged or calm.size):
+        return None
+    centred = np.abs(calm - _mean(calm))
     return Holding(
         dof=dof,
-        hold_s=float(holding.mean()) * (span.end_s - span.begin_s),
+        hold_s=float(resting.mean()) * (span.end_s - span.begin_s),
         rms=_rms(calm),
-        p95=float(np.percentile(np.abs(calm), 95)) if calm.size else np.nan,
+        sd=_rms(centred),
+        within=float(np.percentile(centred, 95)) if calm.size else np.nan,
         peak=float(np.abs(calm).max()) if calm.size else np.nan,
-        bias=_mean(calm),
         moving_rms=_rms(apart[moving & np.isfinite(apart)]),
-        thrust_rms=_rms(force),
-        thrust_mean=_mean(force[np.interp(command["at_s"], state["at_s"], holding) > 0.5]),
-        chatter=_rms(np.diff(force)[np.diff(command["at_s"]) < 0.1]),
-        saturated=float(law["saturated"].mean()),
+        thrust_rms=_rms(command[AXES[dof].force]) if engaged else np.nan,
+        saturated=float(law["saturated"].mean()) if engaged else np.nan,
     )
-
-
-def _spread(log: Log, column: str) -> tuple[float, float, float]:
-    """Return median, 99th percentile and greatest of a number of the loop; of ages those while engaged."""
-    loop = log.keys["loop"]
-    values = loop[column][log.engaged(loop["at_s"])] if column.endswith("age_s") else loop[column]
-    if not values.size:
-        return (np.nan,) * 3
-    median, p99, worst = LOOP[column][1] * np.percentile(values, (50.0, 99.0, 100.0))
-    return float(median), float(p99), float(worst)
 
 
 def _rms(values: Array) -> float:
@@ -193,7 +209,3 @@ def _rms(values: Array) -> float:
 def _mean(values: Array) -> float:
     """Return the mean of what is known, NaN where nothing is."""
     return float(np.nanmean(values)) if np.isfinite(values).any() else math.nan
-
-
-def _most(values: Array) -> float:
-    return float(np.nanmax(values)) if np.isfinite(values).any() else math.nan

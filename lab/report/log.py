@@ -32,7 +32,6 @@ class StateSpan:
     begin_s: float
     end_s: float
     reason: str
-    conditions: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,6 @@ def _spans(samples: list[tuple[float, Supervisor]]) -> list[StateSpan]:
     spans: list[StateSpan] = []
     for at_s, record in sorted(samples, key=lambda sample: sample[0]):
         if not spans or record.state != spans[-1].state or at_s - spans[-1].end_s > GAP_S:
-            spans.append(StateSpan(record.state, at_s, at_s, record.reason, ()))
-        seen = dict.fromkeys((*spans[-1].conditions, *record.conditions))
-        spans[-1] = replace(spans[-1], end_s=at_s, conditions=tuple(seen))
+            spans.append(StateSpan(record.state, at_s, at_s, record.reason))
+        spans[-1] = replace(spans[-1], end_s=at_s)
     return spans

@@ -1,12 +1,12 @@
-"""The page after the dive: one HTML file with everything in it."""
+"""The page after the dive: one HTML file with everything in it. And the same for the terminal."""
 
 import base64
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 
-from lab.report.figures import AXES, LOOP, DiveFigures, Holding
+from lab.report.figures import AXES, DiveFigures, Phase, time_text
 from lab.report.log import Log
 
 STYLE = """
@@ -20,112 +20,110 @@ th, td { padding: .25rem .8rem .25rem 0; text-align: left; border-bottom: 1px so
 th { font-weight: 600 } details td { white-space: pre-wrap; vertical-align: top }
 ul { border-left: 3px solid #D55E00; padding-left: 1.6rem } li { margin: .35rem 0 }
 """
-HELD = (
-    *("phase", "from", "for", "", "held", "RMS", "p95", "peak", "bias", "moving"),
-    *("thrust, RMS", "mean", "chatter", "saturated", "ended"),
+FIGURES = (
+    ("held", "hold_s", "s", 1.0),
+    ("RMS", "rms", "unit", 1.0),
+    ("SD", "sd", "unit", 1.0),
+    ("95 % within", "within", "unit", 1.0),
+    ("peak", "peak", "unit", 1.0),
+    ("moving, RMS", "moving_rms", "unit", 1.0),
+    ("thrust, RMS", "thrust_rms", "force_unit", 1.0),
+    ("saturated", "saturated", "%", 100.0),
 )
+"""Words, field of `Holding`, unit or field of `HeldAxis`, factor."""
 ERRORS = """
-<p>Errors are measured minus desired, while the reference rested, from 3 s after engaging; <i>moving</i> is
-the RMS while it did not. Thrust is that of the thruster curve; chatter is its RMS change a tick.</p>"""
+<p>Errors are measured minus desired while the reference rested, from 3 s after engaging; <i>moving</i>:
+while it did not. SD and <i>95 % within</i> are about the mean error. Thrust: by the thruster curve.</p>"""
 
 
 def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
-    """Return the page; `picture` is a PNG."""
+    """Return the page of a dive; `picture` is a PNG."""
     began = datetime.fromtimestamp(log.began_ns / 1e9, UTC)
     about = log.metadata.get("holdfast", {})
-    title = f"{log.vehicle}: the dive of {began:%Y-%m-%d %H:%M} UTC"
     said = [
-        f"{_time(log.duration_s)} recorded, engaged {len(figures.phases)} times",
+        f"{time_text(log.duration_s)} recorded",
         "depth unknown" if math.isnan(figures.depth_max_m) else f"down to {figures.depth_max_m:.1f} m",
-        *([f"battery down to {figures.voltage_min_v:.1f} V"] if figures.voltage_min_v > 0.0 else []),
-        f"Holdfast {about.get('holdfast', 'of unknown version')}",
-        about.get("git", "revision unknown")[:18],
+        f"Holdfast {about.get('holdfast', 'of unknown version')}, {about.get('git', '')[:18]}",
     ]
     warnings = "".join(f"<li>{escape(warning)}</li>\n" for warning in figures.warnings)
-    image = base64.b64encode(picture).decode()
-    config = ((part, key, value) for part, table in log.metadata.items() for key, value in table.items())
-    return "\n".join(
-        (
-            '<!doctype html>\n<html lang="en"><meta charset="utf-8">',
-            f"<title>{escape(title)}</title><style>{STYLE}</style>",
-            f"<h1>{escape(title)}</h1>\n<p>{escape(', '.join(said))}.</p>",
-            f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
-            f'<img alt="States and each axis over time" src="data:image/png;base64,{image}">',
-            f"<h2>How well it was held</h2>\n{_rows(HELD, _held(figures))}{ERRORS}",
-            *(f"<h2>{name}</h2>\n{_rows(head, rows)}" for name, head, rows in _tables(log, figures)),
-            f"<details><summary>Configuration</summary>{_rows(('', '', ''), config)}</details></html>\n",
-        )
+    older = [[warning] for warning in figures.older]
+    events = [[time_text(at_s), event.severity, event.kind, event.text] for at_s, event in log.events]
+    config = [[part, key, value] for part, table in log.metadata.items() for key, value in table.items()]
+    parts = (
+        f"<p>{escape(', '.join(said))}.</p>",
+        f"<h2>Warnings</h2>\n<ul>{warnings or '<li>none</li>'}</ul>",
+        _folded(f"{len(older)} warnings before the recording began", older) if older else "",
+        _image(picture),
+        f"<h2>How well it was held</h2>\n{_table(table(figures.columns))}{ERRORS}",
+        *(f"<p>{escape(end)}</p>" for end in _ends(figures)),
+        f"<h2>Events</h2>\n{_table(events)}",
+        _folded("Configuration", config),
     )
+    return _html(f"{log.vehicle}: the dive of {began:%Y-%m-%d %H:%M} UTC", parts)
 
 
-def _tables(log: Log, figures: DiveFigures) -> Iterator[tuple[str, Sequence[str], Iterable[Sequence[str]]]]:
-    states = (
-        (
-            _time(span.begin_s),
-            span.state,
-            _time(span.end_s - span.begin_s),
-            span.reason,
-            _words(span.conditions),
-        )
-        for span in log.spans
-    )
-    yield "States", ("at", "state", "for", "because", "conditions seen"), states
-    events = ((_time(at_s), event.severity, event.kind, event.text) for at_s, event in log.events)
-    yield "Events", ("at", "severity", "kind", "what"), events
-    loop = ((LOOP[column][0], *map(_number, values)) for column, values in figures.loop.items())
-    yield "Loop and link", ("", "median", "p99", "worst"), loop
+def comparison(phases: Mapping[str, Phase], picture: bytes) -> str:
+    """Return the page of several dives, of a phase of each."""
+    return _html("Dives beside each other", (_table(table(phases)), ERRORS, _image(picture)))
+
+
+def table(phases: Mapping[str, Phase]) -> list[list[str]]:
+    """Return a table with a column for each phase; the first row is the head."""
+    held = [{hold.dof: hold for hold in phase.held} for phase in phases.values()]
+    rows = [
+        ["", *phases],
+        ["steered by", *(phase.mode for phase in phases.values())],
+        ["from", *(time_text(phase.begin_s) for phase in phases.values())],
+        ["to", *(time_text(phase.end_s) for phase in phases.values())],
+    ]
+    for dof, axis in AXES.items():
+        if any(dof in one for one in held):
+            for words, field, unit, factor in FIGURES:
+                values = (factor * getattr(one.get(dof), field, math.nan) for one in held)
+                rows.append(
+                    [f"{axis.name}, {words}", *(_with(value, getattr(axis, unit, unit)) for value in values)]
+                )
+    return rows
 
 
 def lines(figures: DiveFigures) -> Iterator[str]:
-    """Give warnings and errors for the terminal."""
+    """Give warnings, ends of phases, and errors for the terminal."""
     yield from (f"* {warning}" for warning in figures.warnings)
-    for phase in figures.phases:
-        yield f"phase {phase.number}, {_time(phase.begin_s)} to {_time(phase.end_s)}, ended: {phase.ended}"
-        for hold in phase.held:
-            cells = zip(HELD[3:-1], _row(hold), strict=True)
-            yield "  " + ", ".join(f"{name} {cell}".strip() for name, cell in cells)
+    if figures.older:
+        yield f"* {len(figures.older)} older warnings, from before the recording: on the page"
+    yield from _ends(figures)
+    yield from aligned(table(figures.columns))
 
 
-def _held(figures: DiveFigures) -> Iterator[Sequence[str]]:
-    for phase in figures.phases:
-        first = (str(phase.number), _time(phase.begin_s), _time(phase.end_s - phase.begin_s))
-        for i, hold in enumerate(phase.held):
-            yield (*(first if i == 0 else ("", "", "")), *_row(hold), phase.ended if i == 0 else "")
+def _ends(figures: DiveFigures) -> list[str]:
+    return [f"{name} ended: {phase.ended}" for name, phase in figures.columns.items()]
 
 
-def _row(hold: Holding) -> Iterator[str]:
-    axis = AXES[hold.dof]
-    yield from (axis.name, _time(hold.hold_s))
-    for value in (hold.rms, hold.p95, hold.peak, hold.bias, hold.moving_rms):
-        yield _with(value, axis.unit)
-    for value in (hold.thrust_rms, hold.thrust_mean, hold.chatter):
-        yield _with(value, axis.force_unit)
-    yield f"{hold.saturated:.1%}"
+def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Give the lines of a table for the terminal."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for first, *cells in rows:
+        yield "  ".join((first.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip()
 
 
-def _rows(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    body = "\n".join(_cells("td", row) for row in rows)
-    return f"<div><table>{_cells('th', head)}\n{body}\n</table></div>" if body else "<p>None.</p>"
+def _html(title: str, parts: Iterable[str]) -> str:
+    head = f'<!doctype html>\n<html lang="en"><meta charset="utf-8">\n<title>{escape(title)}</title>'
+    return "\n".join((f"{head}<style>{STYLE}</style>", f"<h1>{escape(title)}</h1>", *parts, "</html>\n"))
 
 
-def _cells(tag: str, row: Sequence[str]) -> str:
-    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in row)}</tr>"
+def _image(picture: bytes) -> str:
+    return f'<img alt="Each axis over time" src="data:image/png;base64,{base64.b64encode(picture).decode()}">'
 
 
-def _words(conditions: Sequence[str]) -> str:
-    return ", ".join(conditions).lower().replace("_", " ")
+def _folded(title: str, rows: Sequence[Sequence[str]]) -> str:
+    return f"<details><summary>{title}</summary>{_table(rows)}</details>"
 
 
-def _time(seconds: float) -> str:
-    minutes, rest = divmod(seconds, 60.0)
-    return f"{seconds:.1f} s" if seconds < 60.0 else f"{minutes:.0f} min {rest:02.0f} s"
-
-
-def _number(value: float) -> str:
-    if math.isnan(value):
-        return "–"
-    return f"{value:.3f}" if abs(value) < 0.1 else f"{value:.2f}" if abs(value) < 10.0 else f"{value:.1f}"
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
+    return f"<div><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table></div>"
 
 
 def _with(value: float, unit: str) -> str:
-    return "–" if math.isnan(value) else f"{_number(value)} {unit}"
+    digits = 3 if abs(value) < 0.1 else 2 if abs(value) < 10.0 else 1
+    return "–" if math.isnan(value) else f"{value:.{digits}f} {unit}"

@@ -25,6 +25,21 @@ def test_a_start_tells_the_way_to_active_and_what_the_autopilot_says():
     assert ("info", "state", "ACTIVE: engaged") in events
     assert ("info", "autopilot", "Arming motors") in events
     assert ("info", "condition", "the vehicle is armed") in events
+    assert not [text for severity, _, text in events if severity == "warning"]  # not read yet is not refused
+
+
+def test_a_row_of_the_list_that_stays_refused_is_told():
+    dive, log = active(), EventLog()
+    told = []
+    for step in dive.run(3.0):
+        verdict = replace(
+            step.sample.verdict, conditions=step.sample.verdict.conditions | Condition.PREFLIGHT_FAILURE
+        )
+        told += [(step.t_s, event.text) for event in log.step(replace(step.sample, verdict=verdict))]
+    begun_s = dive.t_s - 3.0
+    assert [(round(t_s - begun_s), text) for t_s, text in told if "pre-dive" in text] == [
+        (2, "a row of the pre-dive list is refused")
+    ]
 
 
 def test_a_fault_is_reported_with_its_condition_once():

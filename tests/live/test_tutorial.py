@@ -2,6 +2,7 @@
 
 import socket
 import subprocess
+import time
 from pathlib import Path
 
 from shown import output, says
@@ -32,7 +33,9 @@ def test_the_dive_of_the_tutorial(tmp_path: Path) -> None:
             stick = ("stick,axis=z,value=1,duration_s=10", "--zenoh", zenoh)
             assert said("fault", *stick, cwd=tmp_path).startswith("stick begins")
             until(lambda: "PILOT: the pilot steers" in log.read_text())
-            assert says(output(PAGE, "│   PILOT"), said("watch", "--once", *here, cwd=tmp_path))
+            time.sleep(0.5)  # until more than its first message is heard
+            shown = said("watch", "--once", *here, cwd=tmp_path)
+            assert says(output(PAGE, "│   PILOT"), shown), shown
             until(lambda: "now the pilot's sticks are at rest" in log.read_text())
             assert says(output(PAGE, "done by bluerov2: engaged"), said("engage", *here, cwd=tmp_path))
             recorder = ("record", *here, "--out", str(tmp_path / "dives"), "--reserve-mb", "1")
@@ -41,7 +44,7 @@ def test_the_dive_of_the_tutorial(tmp_path: Path) -> None:
                 assert says(output(PAGE, "done by bluerov2: released"), said("release", *here, cwd=tmp_path))
                 until(lambda: "Lost manual control" in log.read_text())
     (file,) = (tmp_path / "dives").glob("*.mcap")
-    assert says(output(PAGE, "phase 1"), said("report", f"dives/{file.name}", cwd=tmp_path))
+    assert says(output(PAGE, "phase 1 ended"), said("report", f"dives/{file.name}", cwd=tmp_path))
 
 
 def said(*arguments: str, cwd: Path, status: int = 0) -> str:

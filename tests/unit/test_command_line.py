@@ -183,7 +183,7 @@ def test_a_folder_for_figures_that_cannot_be_is_refused_before_hours_pass(capsys
 
 def test_a_fault_that_lasts_over_a_gap_in_the_recording_is_one():
     states = ("READY", "ACTIVE", "FAULT", "FAULT", "IDLE", "FAULT")
-    spans = [StateSpan(state, float(i), i + 0.5, "", ()) for i, state in enumerate(states)]
+    spans = [StateSpan(state, float(i), i + 0.5, "") for i, state in enumerate(states)]
     assert [span.begin_s for span in faults_of(spans)] == [2.0, 5.0]
 
 
