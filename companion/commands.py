@@ -279,12 +279,12 @@ def init(argv: list[str]) -> int:
     """Ask about the vehicle, and write a commented configuration."""
     from companion.config import DEFAULT_FILE, load_config
     from companion.config_text import with_values
-    from companion.first_config import questions
+    from companion.first_config import places, proposing, questions
 
     parser = command_parser(
         "init",
-        "Asks five questions and writes a configuration for `holdfast run --config FILE`, with "
-        "what a pilot sets explained in it. What an option answers is not asked.",
+        "Listens for a vehicle, asks five questions and writes a configuration for `holdfast run --config "
+        "FILE`, with what a pilot sets explained in it. What an option answers is not asked.",
         INIT_EXAMPLES,
     )
     parser.add_argument(
@@ -300,7 +300,23 @@ def init(argv: list[str]) -> int:
     if not arguments.yes and not sys.stdin.isatty():
         raise RefusedError("nobody can be asked here: say --yes, and answer by options what differs")
     values: dict[str, float | str] = {}
-    for question in questions():
+    found = None
+    if not arguments.yes and not (arguments.where and arguments.vehicle):
+        from companion.predive import search
+
+        sys.stdout.write("Listening for a vehicle, for some seconds ...\n")
+        sys.stdout.flush()
+        found = search.search(load_config(), [*places(), *search.serial_lines()])
+        words = "None is heard: is it switched on? The questions go on without it."
+        if found:
+            words = f"Heard: {', '.join(filter(None, (found.firmware, found.frame)))} at {found.endpoint}."
+        sys.stdout.write(f"{words} Enter takes what is proposed first.\n")
+    for asked in questions():
+        question = (
+            proposing(asked, {"vehicle": found.preset, "where": found.endpoint}.get(asked.name, ""))
+            if found
+            else asked
+        )
         given = getattr(arguments, question.name)
         if given is None and not arguments.yes:
             try:

@@ -53,7 +53,7 @@ class Question(NamedTuple):
 
 def questions() -> tuple[Question, ...]:
     """Return what is asked, in order."""
-    names = sorted(set(presets()) - {TEMPLATE}, key=lambda name: (name != "heavy", name))
+    names = sorted(set(presets()) - {TEMPLATE}, key=lambda name: (name != "heavy", name == "ardusub", name))
     return (
         Question("vehicle", "Which vehicle is it?", PRESET_KEY, tuple(map(_preset, names))),
         Question("name", "What is it called? The name stands in telemetry.", "vehicle.name", (), "bluerov2"),
@@ -64,6 +64,7 @@ def questions() -> tuple[Question, ...]:
             (
                 Choice("simulator", "beside `holdfast sim`", "udp-listen:127.0.0.1:14550"),
                 Choice("blueos", "on the vehicle's BlueOS", "tcp:127.0.0.1:5777"),
+                Choice("pi", "on a plain Raspberry Pi, by its serial line", "serial:/dev/ttyAMA0:921600"),
                 Choice("extension", "in the BlueOS extension", "udp-connect:host.docker.internal:14550"),
                 Choice("topside", "where BlueOS sends MAVLink", "udp-listen:0.0.0.0:14550"),
             ),
@@ -88,6 +89,26 @@ def questions() -> tuple[Question, ...]:
             ),
         ),
     )
+
+
+def places() -> list[list[str]]:
+    """Return the endpoints on which a vehicle is looked for, those of one port or device together."""
+    where = next(question for question in questions() if question.name == "where")
+    groups: dict[str, list[str]] = {}
+    for choice in where.choices:
+        kind, _, place = choice.value.partition(":")
+        if kind != "serial":
+            groups.setdefault(f"{kind} {place.rpartition(':')[2]}", []).append(choice.value)
+    return list(groups.values())
+
+
+def proposing(asked: Question, value: str) -> Question:
+    """Return a question whose first choice, which Enter takes, has a value that was found."""
+    if not value or not asked.choices:
+        return asked
+    there = [choice for choice in asked.choices if choice.value == value]
+    first = there[0] if there else Choice("found", f"where it is heard, {value}", value)
+    return asked._replace(choices=(first, *(choice for choice in asked.choices if choice is not first)))
 
 
 def _preset(name: str) -> Choice:

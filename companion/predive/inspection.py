@@ -110,10 +110,11 @@ class Inspection:
     @property
     def rows(self) -> list[CheckRow]:
         """The list as far as it is known."""
-        return rows(self._known, self._config)
+        return rows(self.observed, self._config)
 
     @property
-    def _known(self) -> Observed:
+    def observed(self) -> Observed:
+        """What was seen of the vehicle so far."""
         return self._survey.observed(self._seen, self._conditions, self._directions)
 
     def _inspect(self, origin: tuple[float, float] | None, thrusters: bool) -> Iterator[None]:
@@ -133,20 +134,20 @@ class Inspection:
             yield
 
     def _heard_enough(self) -> bool:
-        seen = self._known
+        seen = self.observed
         known = seen.firmware is not None and bool(seen.toggles) and self._autopilot.all_parameters_known
         return known and seen.state.delays.telemetry_known and bool(seen.measured_hz)
 
     def _set_origin(self, latitude_deg: float, longitude_deg: float) -> Iterator[None]:
         depth_m = self._seen.eta[2]
-        if self._known.origin_known:
+        if self.observed.origin_known:
             note = "was already set and is unchanged"
         elif not depth_m < SURFACE_M:
             note = f"was not set: the vehicle is under water ({depth_m:.1f} m); surface first"
         else:
             self._out.append(self._autopilot.set_origin(latitude_deg, longitude_deg))
-            yield from self._wait(TRY_S, lambda: self._known.origin_known)
-            note = "was set" if self._known.origin_known else "was requested, but not confirmed"
+            yield from self._wait(TRY_S, lambda: self.observed.origin_known)
+            note = "was set" if self.observed.origin_known else "was requested, but not confirmed"
         self.notes.append(f"the EKF origin {note}")
 
     def _ask_mode(self, mode: Mode) -> Iterator[None]:

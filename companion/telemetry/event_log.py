@@ -22,7 +22,7 @@ from companion.telemetry.schemas import Event, Kind, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET | Condition.DEPTH_RESET
 READ_S = 2.0
-"""A row of the pre-dive list that is refused for less was not read yet: that is no event."""
+"""PREFLIGHT_FAILURE for less means that a row was not read yet: that is no event."""
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
 
 Happened = Iterator[tuple[Severity, Kind, str]]

@@ -9,11 +9,13 @@ import pytest
 import holdfast
 from companion.config import DEFAULT_FILE, PRESETS, load_config
 from companion.first_config import questions
+from companion.predive import search
 
 
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(search, "search", lambda config, groups: None)
     return tmp_path
 
 
@@ -47,6 +49,34 @@ def test_the_answers_stand_in_the_file_and_what_an_option_answers_is_not_asked(m
     assert "holdfast check --config companion.toml" in said
 
 
+def test_what_is_heard_is_proposed(monkeypatch, capsys):
+    """Four times Enter: a six-thruster vehicle on a serial line that no choice names."""
+    found = search.Found("serial:/dev/ttyACM0:115200", "ArduSub 4.5.7", "vectored", "bluerov2")
+    listened_on = []
+
+    def heard(config, groups):
+        listened_on.extend(groups)
+        return found
+
+    monkeypatch.setattr(search, "search", heard)
+    monkeypatch.setattr("sys.stdin", Terminal("\n" * 5))
+    assert holdfast.main(["init"]) == 0
+    made = load_config(Path("companion.toml"))
+    assert (made.link.endpoint, made.vehicle.frame) == (found.endpoint, "vectored")
+    assert "Heard: ArduSub 4.5.7, vectored at serial:/dev/ttyACM0:115200." in capsys.readouterr().out
+    assert ["udp-listen:127.0.0.1:14550", "udp-listen:0.0.0.0:14550"] in listened_on
+
+
+def test_each_serial_line_is_looked_at_once(tmp_path):
+    for name in ("ttyAMA0", "ttyUSB1", "tty7"):
+        (tmp_path / name).touch()
+    (tmp_path / "serial0").symlink_to("ttyAMA0")
+    lines = search.serial_lines(tmp_path)
+    assert [line[0] for line in lines] == [
+        f"serial:{tmp_path}/{name}:921600" for name in ("ttyUSB1", "serial0")
+    ]
+
+
 def test_ctrl_d_writes_nothing(here, monkeypatch):
     monkeypatch.setattr("sys.stdin", Terminal(""))
     assert holdfast.main(["init"]) == 130
@@ -57,7 +87,7 @@ def test_ctrl_d_writes_nothing(here, monkeypatch):
     ("arguments", "says"),
     [
         ([], "say --yes"),
-        (["--yes", "--where", "moon"], "want one of simulator, blueos, extension, topside"),
+        (["--yes", "--where", "moon"], "want one of simulator, blueos, pi, extension, topside"),
         (["--yes", "--name", "a b"], "vehicle.name"),
     ],
 )
