@@ -8,7 +8,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from holdfast.arguments import command_parser
+from holdfast.arguments import command_parser, position
+from holdfast.files import refuse_existing
 from holdfast.gate import bounded
 from lab.options import json_file
 from lab.report.figures import figures
@@ -23,6 +24,8 @@ examples:
   holdfast report dives/alt-hold.mcap dives/hold.mcap   the dives beside each other: out/compared.html
   holdfast report dives/kelp-20261121*.mcap --join      the files of one dive on one page
   holdfast report dives/kelp.mcap --ticks out/kelp.csv  also every number of every tick, as a table
+  holdfast report dives/kelp.mcap --foxglove out/kelp.mcap --origin 47.40,8.55
+                                                        also a copy that Foxglove shows in space
 
 A dive that never engaged is reported by flight mode: record ALT_HOLD, then Holdfast, in the same water. The
 command reads truncated files as far as they go. The HTML file contains everything, the picture included.
@@ -43,10 +46,13 @@ def main(argv: list[str]) -> int:
     add("--out", type=Path, metavar="DIR", help="folder of the report; default: beside the first file")
     add("--json", type=json_file, metavar="FILE", help="also write all figures to FILE")
     add("--ticks", type=table_file, metavar="FILE", help="also write every number of every tick to FILE.csv")
+    add("--foxglove", type=Path, metavar="FILE", help="also write a copy with Foxglove's channels to FILE")
+    origin = "of x and y, in degrees, for Foxglove's map"
+    add("--origin", type=position, metavar="LAT,LON", help=origin)
     options = parser.parse_args(argv)
     dives = [options.files] if options.join else [[file] for file in options.files]
-    if len(dives) > 1 and options.ticks:
-        parser.error("--ticks takes one dive")
+    if len(options.files) > 1 and (options.foxglove or (options.ticks and not options.join)):
+        parser.error("--ticks and --foxglove take one dive")
     logs = {files[0].stem: bounded(load, files, files) for files in dives}
     found = {name: figures(log) for name, log in logs.items()}
     folder = options.out or options.files[0].parent
@@ -70,6 +76,11 @@ def main(argv: list[str]) -> int:
             for name, log in logs.items()
         }
         write_json(options.json, content if len(content) > 1 else content.popitem()[1])
+    if options.foxglove:
+        from lab.foxglove import convert
+
+        refuse_existing(options.foxglove)
+        convert(options.files[0], options.foxglove, options.origin)
     if options.ticks:
         write_columns(options.ticks, next(iter(logs.values())).ticks())
     sys.stdout.write("\n".join([*said, f"page: {stem.with_suffix('.html')}", ""]))

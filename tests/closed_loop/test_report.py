@@ -6,12 +6,15 @@ import re
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from msgspec.structs import replace
 from virtual import ROOT, hold
 
@@ -24,6 +27,7 @@ from companion.telemetry.modes import Mode
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import readable
 from holdfast import RefusedError
+from lab.foxglove import in_space
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report.figures import figures
 from lab.report.log import Log, between, load
@@ -193,6 +197,53 @@ def test_the_notebook_runs_and_its_layouts_name_what_there_is(
     curves = ElementTree.parse(examples / "plotjuggler.xml").iter("curve")
     wanted = {curve.get(key) for curve in curves for key in ("name", "curve_x", "curve_y")}
     assert wanted - {None, "track", "reference"} <= log.ticks().keys()
+
+
+def test_foxglove_reads_poses_places_and_log_by_its_own_decoder(dive: Path, log: Log, tmp_path: Path) -> None:
+    out = tmp_path / "space.mcap"
+    assert main([str(dive), "--out", str(tmp_path), "--foxglove", str(out)]) == 0
+    read: dict[str, list[Any]] = {}
+    with out.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        channels = {channel.topic for channel in reader.get_summary().channels.values()}  # type: ignore[union-attr]
+        for schema, channel, message, decoded in reader.iter_decoded_messages(
+            ["/tf", "/pose", "/desired", "/log"]
+        ):
+            assert schema
+            read.setdefault(f"{channel.topic} {schema.name}", []).append((message.log_time, decoded))
+    assert {f"holdfast/kelp/{tail}" for tail in telemetry.EVERY_TICK} <= channels, "all of the dive is there"
+    poses = read["/pose foxglove.PoseInFrame"]
+    assert len(poses) == 450
+    at_s = [(at_ns - log.began_ns) / 1e9 for at_ns, _ in poses]
+    state = log.keys["state"]
+    depth_m, heading_rad = (
+        np.interp(at_s, state["at_s"], state[name]) for name in ("depth_m", "heading_rad")
+    )
+    np.testing.assert_allclose([pose.pose.position.z for _, pose in poses], -depth_m, atol=1e-9)
+    for (_, pose), heading in zip(poses, heading_rad, strict=True):
+        q = pose.pose.orientation
+        east, north = 1.0 - 2.0 * (q.y**2 + q.z**2), 2.0 * (q.x * q.y + q.w * q.z)  # of the nose
+        assert np.arctan2(east, north) == pytest.approx(heading, abs=1e-6)
+    assert len(read["/desired foxglove.PoseInFrame"]) == len(read["/tf foxglove.FrameTransform"]) == 450
+    assert [entry.message for _, entry in read["/log foxglove.Log"]] == ["<b>leak</b>"] * 2
+    layout = (ROOT / "docs" / "examples" / "foxglove.json").read_text()
+    assert set(re.findall(r'"(/\w+)', layout)) <= channels | {"/location"}
+
+
+def test_foxglove_has_the_place_on_the_map_where_there_is_one(in_waves: list[Step]) -> None:
+    state = samples.records(in_waves[-1].sample)[0]
+    there = replace(
+        state, x_m=1000.0, y_m=-500.0, depth_m=3.0, roll_rad=0.0, pitch_rad=0.1, absent=(), t_s=0.0
+    )
+    key, _ = telemetry.published("kelp", "state")
+    shown = {one.topic: one.message for one in in_space(key, telemetry.to_json(there), 0, (60.0, 10.0))}
+    assert shown["/location"].latitude == pytest.approx(60.0 + 1000.0 / 111_320.0, abs=1e-5)
+    assert shown["/location"].longitude == pytest.approx(10.0 - 500.0 / (111_320.0 * 0.5), abs=1e-5)
+    assert shown["/location"].altitude == -3.0
+    q = shown["/pose"].pose.orientation
+    assert 2.0 * (q.x * q.z - q.w * q.y) == pytest.approx(np.sin(0.1)), "bow up is up"
+    no_place = telemetry.to_json(replace(there, absent=("x_m",)))
+    assert "/location" not in {one.topic for one in in_space(key, no_place, 0, (60.0, 10.0))}
 
 
 def test_plain_mcap_reads_a_recording_as_the_page_says(
