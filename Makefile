@@ -18,7 +18,7 @@ COMPILE := uv pip compile --quiet --universal --python-version 3.11 --generate-h
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test virtual live hunt check coverage clients docs wheel lock clean
+.PHONY: help demo quick test virtual live hunt check coverage clients docs wheel release lock clean
 
 help:  ## list what there is
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1	\2/p' Makefile | expand -t 18
@@ -74,6 +74,16 @@ wheel: $(STAMP)  ## build dist/*.whl, try it in a venv of its own, and there wit
 	build/wheel/bin/holdfast watch --once 2>&1 | grep -F "pip install 'holdfast-rov[dashboard]'"
 	timeout --preserve-status -s INT 3 build/wheel/bin/holdfast run \
 	    --set link.endpoint=udp-connect:127.0.0.1:14599 --set telemetry.endpoint=tcp/127.0.0.1:7459
+
+release: wheel  ## dist/holdfast-VERSION.tar.gz: wheel, lock, image (where Docker has buildx), checksums; its install
+	@set -e; version=$$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml); folder=dist/holdfast-$$version; \
+	mkdir $$folder; cp dist/*.whl requirements/vehicle.lock .ci/install LICENSE $$folder; \
+	if docker buildx version >/dev/null 2>&1; then \
+	    docker buildx build --platform linux/arm/v7,linux/arm64,linux/amd64 --file blueos/Dockerfile \
+	        --output type=oci,dest=$$folder/holdfast-blueos-$$version.tar .; \
+	else echo 'No image: docker buildx is not here.' >&2; fi; \
+	(cd $$folder && sha256sum -- * > SHA256SUMS); tar -C dist -czf $$folder.tar.gz holdfast-$$version; \
+	(cd dist && sha256sum holdfast-$$version.tar.gz | tee holdfast-$$version.tar.gz.sha256)
 
 lock:  ## refresh what is missing in the locks, of all platforms, with hashes (needs uv)
 	$(COMPILE) pyproject.toml --extra dev -o requirements/dev.lock

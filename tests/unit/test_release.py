@@ -24,6 +24,7 @@ def test_the_version_is_the_same_everywhere_and_takes_thirty_lines_of_the_change
         ("CITATION.cff", f"\nversion: {VERSION}\n"),
         ("docs/install.md", f"export WHEEL=holdfast_rov-{VERSION}-py3-none-any.whl\n"),
         ("docs/install.md", f"NAME/holdfast:{VERSION} --push"),
+        ("docs/install.md", f"tar xf holdfast-{VERSION}.tar.gz\nsudo holdfast-{VERSION}/install "),
     ):
         assert line in (ROOT / file).read_text()
     _, *versions = (ROOT / "CHANGELOG.md").read_text().split("\n## ")
