@@ -84,7 +84,7 @@ def tilt_limit(config: Config) -> TiltLimit:
 
 def gains(config: Config, axis: AxisSection) -> Gains:
     """Return λ and κ of an axis, and the delay that they tolerate."""
-    return Gains(axis.lambda_per_s, axis.kappa_per_s, config.delays.gains_bear_s)
+    return Gains(lam=axis.lambda_per_s, kappa=axis.kappa_per_s, tolerated_s=config.delays.gains_bear_s)
 
 
 def estimator(config: Config) -> Estimator:
@@ -198,10 +198,11 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
     """Return for each axis the times that have to exceed what is late, by what they are."""
     laws, settling = [], []
     for axis in config.axes:
-        lam, kappa, learning_scale, *_ = scheduled(gains(config, axis), delay_s, 1.0)
+        left = scheduled(gains(config, axis), delay_s, 1.0)
+        lam, kappa = left.gains.lam, left.gains.kappa
         K = compensator(config, axis)[1] if axis.law == LYAPUNOV else 0.0
         laws.append(1.0 / lam + 1.0 / kappa if axis.law == LYAPUNOV else math.inf)
-        settling.append(axis.mass * kappa / (K * learning_scale) if K > 0.0 else math.inf)
+        settling.append(axis.mass * kappa / (K * left.share * left.share) if K > 0.0 else math.inf)
     return {"1/lambda + 1/kappa": laws, "mass kappa / learning rate": settling}
 
 

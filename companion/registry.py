@@ -16,7 +16,8 @@ import msgspec
 
 from companion.core import integrator, law, network
 from companion.core.compensator import Signals
-from companion.core.law import Motion, Terms
+from companion.core.law import Motion
+from companion.core.schedule import Gains
 
 NONE, OBSERVER, PREDICTED, LYAPUNOV = "none", "observer", "network+observer", "lyapunov"
 """No compensator; the observer's d fed back; as the network predicts it; the paper's law."""
@@ -44,7 +45,7 @@ class Law(NamedTuple):
     module: ModuleType
     parameters: Callable[[Mapping[str, Any]], Any]
     initial: Callable[[Any], Any]
-    step: Callable[[Any, Any, Motion, float], tuple[Any, Terms]]
+    step: Callable[[Any, Any, Motion, float], tuple[Any, float, float]]
 
 
 Functions = TypeVar("Functions", Compensator, Law)
@@ -188,8 +189,8 @@ def _tried(functions: Compensator | Law, parameters: Any) -> Iterator[tuple[Any,
         yield "weight_norm", functions.weight_norm(state), float
         yield "integral_gain", functions.integral_gain(parameters), float
     else:
-        ones: list[Any] = [1.0] * len(Motion._fields)
-        yield "step", functions.step(parameters, state, Motion(*ones), small), kind, Terms
+        ones: Any = dict.fromkeys(Motion._fields, 1.0) | {"gains": Gains(lam=1.0, kappa=1.0, tolerated_s=1.0)}
+        yield "step", functions.step(parameters, state, Motion(**ones), small), kind, float, float
 
 
 def _fits(value: Any, kind: Any) -> bool:

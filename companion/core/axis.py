@@ -1,8 +1,6 @@
 """One degree of freedom: errors, schedule, disturbance, law, bias. No step in thrust where the law changes.
 
-    τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε + bias                                       (eqs. lei1, lei2)
-
-Symbols are those of `law.py`; the bias, N or N·m, is what a change of law left; it decays over BLEND_S.
+The bias, N or N·m, is what a change of law left; it decays over BLEND_S.
 """
 
 import math
@@ -12,7 +10,7 @@ from companion.core import oscillation, reference
 from companion.core.bounds import limited, wrap
 from companion.core.compensator import NO_COMPENSATOR, ChosenCompensator, Signals
 from companion.core.four import Four
-from companion.core.law import ChosenLaw, Motion, Terms
+from companion.core.law import ChosenLaw, Motion
 from companion.core.oscillation import LOG_GAIN_COUNTS_S, mean_disturbance, scaled_disturbance
 from companion.core.predictor import Predicted
 from companion.core.schedule import NO_GAINS, Gains, ScheduledGains, scheduled
@@ -100,7 +98,6 @@ class Place(NamedTuple):
 
 
 NO_SIGNALS = Signals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NO_TERMS = Terms(0.0, 0.0, 0.0)
 
 
 def at_rest(axis: Axis, x: float, x_dot: float, d_observer: float) -> AxisMemory:
@@ -140,12 +137,12 @@ def step(
     x, x_dot = at.ahead.eta[i], at.ahead.eta_dot[i]
     e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
     e_dot = x_dot - desired.x_d_dot
-    signals = Signals(e, e_dot, e_dot + gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
+    signals = Signals(e, e_dot, e_dot + gains.gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
     learnt, mean_d, d_hat, adapting = disturbance(i, axis, memory, signals, gains, at, dt_s)
-    law, terms = axis.law.step(axis.law.parameters, memory.law, moved(i, signals, gains, d_hat, at), dt_s)
+    motion = moved(i, signals, gains, d_hat, at)
+    law, force, d_hat = axis.law.step(axis.law.parameters, memory.law, motion, dt_s)
     bias = memory.bias * math.exp(-dt_s / BLEND_S)
-    # τ = (k + h + m ẍ_d) + (−m λ ė − m κ ε) + d̂ + bias                            (eq. lei2, and the bias)
-    asked = terms.feedforward + terms.feedback + terms.d_hat + bias
+    asked = force + bias
     tau = asked if at.orders.engaged[i] else 0.0
     memory = AxisMemory(
         reference=desired,
@@ -153,13 +150,13 @@ def step(
         law=law,
         learnt=learnt,
         mean_d=mean_d,
-        d_hat=terms.d_hat + bias,
+        d_hat=d_hat + bias,
         d_share=gains.d_share,
         asked=asked,
         bias=bias,
         seeds=False,
     )
-    return memory, sampled(i, axis, memory, signals, terms, tau, adapting, at)
+    return memory, sampled(i, axis, memory, signals, tau, adapting, at)
 
 
 def disturbance(
@@ -177,7 +174,7 @@ def disturbance(
     d = observed(axis, at.ahead.disturbance[i] + (predicted.rise if axis.predicts else 0.0))
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
-    learns, learn_s = at.orders.learns and at.free[i], gains.learning / at.gain[i] * dt_s
+    learns, learn_s = at.orders.learns and at.free[i], gains.share * gains.share / at.gain[i] * dt_s
     learnt, found, adapting = compensator.step(compensator.parameters, learnt, signals, learn_s, learns)
     mean_d = mean_disturbance(memory.mean_d, d + found, dt_s)
     adapting = adapting or (axis.predicts and predicted.learns)
@@ -194,13 +191,13 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
     return Motion(
         e=signals.e,
         e_dot=signals.e_dot,
+        eps=signals.eps,
         x_dot=signals.x_dot,
         x_d_ddot=signals.x_d_ddot,
         m=at.m[i] / at.gain[i],
         k_plus_h=at.k_plus_h[i] / at.gain[i],
         d_hat=d_hat,
-        lam=gains.lam,
-        kappa=gains.kappa,
+        gains=gains.gains,
         share=gains.share,
         free=at.free[i],
     )
@@ -225,16 +222,17 @@ def sampled(
     axis: Axis,
     memory: AxisMemory,
     signals: Signals,
-    terms: Terms,
     tau: float,
     adapting: bool,
     at: Place,
 ) -> Sample:
-    """Return the law's inside, as telemetry has it."""
+    """Return the law's inside, as telemetry has it: τ is feedforward, feedback and d̂."""
     desired = memory.reference
-    x, d_hat, d_observer = desired.x_d, 0.0, 0.0
+    x, d_hat, d_observer, feedforward, feedback = desired.x_d, 0.0, 0.0, 0.0, 0.0
     if not at.orders.idle[i]:
         x, d_hat, d_observer = at.ahead.eta[i], memory.d_hat, at.ahead.disturbance[i]
+        feedforward = (at.k_plus_h[i] + at.m[i] * desired.x_d_ddot) / at.gain[i]
+        feedback = memory.asked - feedforward - d_hat
     return DofSample(  # Python takes up to thirty arguments quickly, and counts a keyword twice
         desired.x_d,
         desired.x_d_dot,
@@ -245,8 +243,8 @@ def sampled(
         e_dot=signals.e_dot,
         eps=signals.eps,
         tau=tau,
-        feedforward=terms.feedforward,
-        feedback=terms.feedback,
+        feedforward=feedforward,
+        feedback=feedback,
         d_hat=d_hat,
         d_observer=d_observer,
         weight_norm=weight_norm(i, axis, memory, at),
@@ -267,7 +265,7 @@ def idle(i: int, axis: Axis, memory: AxisMemory, at: Place, dt_s: float) -> tupl
     """Keep what was learnt of one that is not held, and whose motion is not known."""
     mean_d = mean_disturbance(memory.mean_d, 0.0, dt_s)
     memory = memory._replace(mean_d=mean_d, asked=0.0, bias=0.0)
-    return memory, sampled(i, axis, memory, NO_SIGNALS, NO_TERMS, 0.0, False, at)
+    return memory, sampled(i, axis, memory, NO_SIGNALS, 0.0, False, at)
 
 
 def caught_up(axis: Axis, memory: AxisMemory, x: float, x_dot: float) -> AxisMemory:

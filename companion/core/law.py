@@ -5,7 +5,7 @@ Another law may take its place on an axis: one file, which defines, as this one 
     Parameters   a NamedTuple of numbers, each named as a key of the axis or of `[laws.NAME]`
     State        a NamedTuple of what it remembers
     initial      State at rest, from Parameters
-    step         State and Terms after one tick of Motion
+    step         State, τ, and the d̂ that τ answers, after one tick of Motion
 
 | symbol  | meaning                                          | unit (heave; yaw)    | source      |
 |---------|--------------------------------------------------|----------------------|-------------|
@@ -22,13 +22,7 @@ Another law may take its place on an axis: one file, which defines, as this one 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-
-class Terms(NamedTuple):
-    """The parts of a law's force, N or N·m: it asks for their sum."""
-
-    feedforward: float
-    feedback: float
-    d_hat: float
+from companion.core.schedule import Gains
 
 
 def rov_law(
@@ -36,53 +30,52 @@ def rov_law(
     d_hat: float,
     m: float,
     x_d_ddot: float,
-    e: float,
     e_dot: float,
+    eps: float,
     lam: float,
     kappa: float,
-) -> Terms:
-    """Return the terms of τ = k + h + d̂ + m (ẍ_d − λ ė) − m κ ε (eqs. lei1, lei2).
+) -> float:
+    """Return τ (eqs. lei1, lei2).
 
     It is eq. 5 for n = 2, f = −(k + h)/m, b = 1/m. The paper prints the last term as −κ ε; eq. 5 divides by b
     and so gives −m κ ε, the only form with which its figures hold.
     """
-    eps = e_dot + lam * e
-    return Terms(feedforward=k_plus_h + m * x_d_ddot, feedback=-m * (lam * e_dot + kappa * eps), d_hat=d_hat)
+    return k_plus_h + d_hat + m * (x_d_ddot - lam * e_dot) - m * kappa * eps
 
 
 class Motion(NamedTuple):
     """What a law of one's own sees: one degree of freedom where the next command acts, NED, SI units.
 
     `e`, `e_dot` are measured − desired; `m` and `k_plus_h` are the nominal model's; `d_hat` is what the axis'
-    compensators estimate; `lam` and `kappa` are reduced for delay and oscillation already, by powers of
+    compensators estimate; `gains` are reduced for delay and oscillation already, by powers of
     `share` (0..1, `schedule.py`). If not `free`, the last command was limited or is not in force:
     then learn nothing.
     """
 
     e: float
     e_dot: float
+    eps: float
     x_dot: float
     x_d_ddot: float
     m: float
     k_plus_h: float
     d_hat: float
-    lam: float
-    kappa: float
+    gains: Gains
     share: float
     free: bool
 
 
-def law_with(motion: Motion, d_hat: float) -> Terms:
-    """Return the terms of `rov_law` for a motion, with a d̂ of one's own."""
-    e, e_dot, _, x_d_ddot, m, k_plus_h, _, lam, kappa, _, _ = motion
-    return rov_law(k_plus_h, d_hat, m, x_d_ddot, e, e_dot, lam, kappa)
+def law_with(motion: Motion, d_hat: float) -> float:
+    """Return τ of `rov_law` for a motion, with a d̂ of one's own."""
+    at, gains = motion, motion.gains
+    return rov_law(at.k_plus_h, d_hat, at.m, at.x_d_ddot, at.e_dot, at.eps, gains.lam, gains.kappa)
 
 
 class ChosenLaw(NamedTuple):
     """A law as an axis uses it: its functions and its parameters."""
 
     initial: Callable[[Any], Any]
-    step: Callable[[Any, Any, Motion, float], tuple[Any, Terms]]
+    step: Callable[[Any, Any, Motion, float], tuple[Any, float, float]]
     parameters: Any
 
 
@@ -99,6 +92,6 @@ def initial(parameters: Parameters) -> State:
     return State()
 
 
-def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
-    """Return the terms of `rov_law`."""
-    return state, law_with(motion, motion.d_hat)
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, float, float]:
+    """Return τ of `rov_law`, with the compensators' d̂."""
+    return state, law_with(motion, motion.d_hat), motion.d_hat

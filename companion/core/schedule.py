@@ -26,18 +26,15 @@ class Gains(NamedTuple):
 
 
 class ScheduledGains(NamedTuple):
-    """What is left of the gains of a degree of freedom."""
+    """What is left of the gains of a degree of freedom; of a compensator's learning rate, `share` squared."""
 
-    lam: float
-    kappa: float
-    learning: float
-    """The share of its learning rate that a compensator keeps."""
+    gains: Gains
     share: float
     d_share: float
     """What d̂ is scaled by (`oscillation.scaled_disturbance`), and the damping term."""
 
 
-NO_GAINS = ScheduledGains(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_GAINS = ScheduledGains(gains=Gains(lam=0.0, kappa=0.0, tolerated_s=0.0), share=0.0, d_share=0.0)
 
 
 def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> ScheduledGains:
@@ -45,11 +42,13 @@ def scheduled(gains: Gains, delay_s: float, gain_scale: float) -> ScheduledGains
     delay_s = LEAST_DELAY_S if delay_s < LEAST_DELAY_S else delay_s
     share = gain_scale * _share(gains.tolerated_s, delay_s)
     return ScheduledGains(
-        gains.lam * share**LAMBDA_POWER,
-        gains.kappa * share**KAPPA_POWER,
-        share * share,
-        share,
-        gain_scale * _share(D_HAT_TOLERATED_S, delay_s),
+        gains=Gains(
+            lam=gains.lam * share**LAMBDA_POWER,
+            kappa=gains.kappa * share**KAPPA_POWER,
+            tolerated_s=gains.tolerated_s,
+        ),
+        share=share,
+        d_share=gain_scale * _share(D_HAT_TOLERATED_S, delay_s),
     )
 
 

@@ -176,9 +176,9 @@ def _dive(
         c, s = cos(SWING * t_s), sin(SWING * t_s)
         e, e_dot, z_d_ddot = z - 0.5 * (1.0 - c), w - 0.5 * SWING * s, 0.5 * SWING**2 * c
         theta = (1.0, 10.0 * e, 3.0 * e_dot, 0.0, 0.0, 0.0)
-        d_hat = estimated(parameters, memory, theta, e_dot + LAM * e, t_s >= wait_s)
-        terms = rov_law(h_hat * w * abs(w), d_hat, m_hat, z_d_ddot, e, e_dot, LAM, kappa)
-        tau = terms.feedforward + terms.feedback + d_hat
+        eps = e_dot + LAM * e
+        d_hat = estimated(parameters, memory, theta, eps, t_s >= wait_s)
+        tau = rov_law(h_hat * w * abs(w), d_hat, m_hat, z_d_ddot, e_dot, eps, LAM, kappa)
         found[0, tick], found[1, tick], found[2, tick] = e, e_dot, tau
         for ms in range(tick * TICK_MS, (tick + 1) * TICK_MS):
             z, w = _moved(z, w, tau, 2 * ms, force, current)

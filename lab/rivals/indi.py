@@ -20,7 +20,7 @@ import math
 from typing import NamedTuple
 
 from companion.core.bounds import limited
-from companion.core.law import Motion, Terms, law_with
+from companion.core.law import Motion, law_with
 from lab.rivals.thrust import there
 
 
@@ -51,8 +51,8 @@ def initial(parameters: Parameters) -> State:
     return State(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
-    """Return the force for this tick; where the command was cut off the filters begin again."""
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, float, float]:
+    """Return the force for this tick and its d̂; where the command was cut off the filters begin again."""
     m = motion.m
     lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
     v, f, d, d_hat = motion.x_dot, thrust, motion.d_hat, state.d_hat
@@ -62,6 +62,6 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
         d = state.d + new * (motion.d_hat - state.d)
         measured = f - m * (v - state.v) / dt_s - motion.k_plus_h
         d_hat = limited(measured - d + motion.d_hat, parameters.max_disturbance)
-    terms = law_with(motion, d_hat)
-    asked = limited(terms.feedforward + terms.feedback + d_hat, parameters.max_force)
-    return State(motion.free, v, f, d, asked, lagging, d_hat), terms
+    tau = law_with(motion, d_hat)
+    asked = limited(tau, parameters.max_force)
+    return State(motion.free, v, f, d, asked, lagging, d_hat), tau, d_hat

@@ -21,7 +21,7 @@ import math
 from typing import NamedTuple
 
 from companion.core.bounds import limited
-from companion.core.law import Motion, Terms
+from companion.core.law import Motion
 from lab.rivals.thrust import there
 
 STEPS, STEP_S, ROUNDS = 20, 0.06, 3
@@ -53,7 +53,7 @@ def initial(parameters: Parameters) -> State:
     return State([0.0] * STEPS, 0.0, 0.0, [0.0])
 
 
-def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, float, float]:
     """Return the force for this tick: the first of the plan. A late loop weighs a change more."""
     lag_s, m, rate_s = parameters.lag_s, motion.m, parameters.rate_s
     lagging, thrust = there(state.asked, state.thrust, parameters.lag_s, parameters.lead_s, dt_s)
@@ -66,9 +66,7 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
         held = [abs(plan[j]) >= most and plan[j] * slope[j] < 0.0 for j in range(STEPS)]
         by = _solved(bends, change, slope, held)
         plan = [limited(plan[j] - by[j], most) for j in range(STEPS)]
-    asked, feedforward = plan[0], motion.k_plus_h + m * motion.x_d_ddot
-    feedback = asked - feedforward - motion.d_hat
-    return State(plan, asked, lagging, bends), Terms(feedforward, feedback, motion.d_hat)
+    return State(plan, plan[0], lagging, bends), plan[0], motion.d_hat
 
 
 def _slope(

@@ -15,7 +15,7 @@ It knows the mass but not the drag, which its integral has to find. A compensato
 from typing import NamedTuple
 
 from companion.core.bounds import limited
-from companion.core.law import Motion, Terms
+from companion.core.law import Motion
 from companion.core.schedule import KAPPA_POWER, LAMBDA_POWER
 
 
@@ -39,7 +39,7 @@ def initial(parameters: Parameters) -> State:
     return State(0.0)
 
 
-def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, Terms]:
+def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> tuple[State, float, float]:
     """Return the force for this tick."""
     share, m = motion.share, motion.m
     lacking = -(motion.e_dot + parameters.k_p * share**LAMBDA_POWER * motion.e)
@@ -47,5 +47,5 @@ def step(parameters: Parameters, state: State, motion: Motion, dt_s: float) -> t
     if motion.free:
         grown = force + dt_s * parameters.k_i * share * share * m * lacking
         force = limited(grown, parameters.max_disturbance)
-    feedback = m * parameters.k_v * share**KAPPA_POWER * lacking
-    return State(force), Terms(m * motion.x_d_ddot, feedback, force + motion.d_hat)
+    wanted, d_hat = motion.x_d_ddot + parameters.k_v * share**KAPPA_POWER * lacking, force + motion.d_hat
+    return State(force), m * wanted + d_hat, d_hat

@@ -150,8 +150,8 @@ def dive(s, compensator, disturbance, tau_max):
         eps = e_dot + s.lam * e
         signals = np.ascontiguousarray(np.stack((e, e_dot, eps, w, r_dot, r_ddot)).T)
 
-        def law(d_hat, w=w, r_ddot=r_ddot, e=e, e_dot=e_dot):
-            return sum(rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e, e_dot, s.lam, s.kappa))
+        def law(d_hat, w=w, r_ddot=r_ddot, e_dot=e_dot, eps=eps):
+            return rov_law(s.h_hat * w * np.abs(w), d_hat, s.m_hat, r_ddot, e_dot, eps, s.lam, s.kappa)
 
         before = np.copy(compensator.weights)
         d_hat = compensator.step(signals, np.zeros(DIVES, bool))  # looks, learns nothing

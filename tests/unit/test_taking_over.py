@@ -114,16 +114,22 @@ def test_a_degree_of_freedom_that_this_kind_did_not_serve_is_seeded():
     assert sample.d_hat[3] == pytest.approx(last.d_hat[3], rel=0.2)
 
 
+def left(gains, delay_s, gain_scale):
+    """λ, κ, and the shares that `scheduled` leaves."""
+    found = scheduled(gains, delay_s, gain_scale)
+    return (found.gains.lam, found.gains.kappa, found.share, found.d_share)
+
+
 def test_gains_are_drawn_back_by_their_powers_and_never_drawn_out():
     gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.1)
-    half = (4.0 * 0.5**0.6, 8.0 * 0.5**1.4, 0.25, 0.5)
-    assert scheduled(gains, 0.2, 1.0) == pytest.approx((*half, 1.0))
-    assert scheduled(gains, 0.1, 0.5) == pytest.approx((*half, 0.5))
-    assert scheduled(gains, 0.0, 1.0) == pytest.approx((4.0, 8.0, 1.0, 1.0, 1.0))
-    assert np.isnan(scheduled(gains, np.nan, 1.0)).all()
+    half = (4.0 * 0.5**0.6, 8.0 * 0.5**1.4, 0.5)
+    assert left(gains, 0.2, 1.0) == pytest.approx((*half, 1.0))
+    assert left(gains, 0.1, 0.5) == pytest.approx((*half, 0.5))
+    assert left(gains, 0.0, 1.0) == pytest.approx((4.0, 8.0, 1.0, 1.0))
+    assert np.isnan(left(gains, np.nan, 1.0)).all()
 
 
 def test_a_delay_that_the_gains_bear_draws_back_the_disturbance_alone():
     gains = Gains(lam=4.0, kappa=8.0, tolerated_s=0.5)
-    assert scheduled(gains, 0.4, 1.0) == pytest.approx((4.0, 8.0, 1.0, 1.0, 0.5))
+    assert left(gains, 0.4, 1.0) == pytest.approx((4.0, 8.0, 1.0, 0.5))
     assert scheduled(gains, 0.4, 0.8).d_share == pytest.approx(0.4)
