@@ -33,7 +33,7 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
-from companion.records import Condition, ControlSample, LoopHealth, Request, Setpoint
+from companion.records import ZERO, Condition, ControlSample, LoopHealth, Request, Setpoint
 from companion.steps import Task
 from companion.telemetry.commands import SetPath
 from companion.telemetry.event_log import EventLog
@@ -102,6 +102,7 @@ class App:
         )
         self._publisher.config = msgspec.json.encode(config)
         self._requests = list(requests)
+        self._excitation = ZERO
         self._start = _start(config, setpoint, arm) if config.telemetry.raw else None
         self._period_ns = round(NS_PER_S / config.loop.rate_hz)
         self._periods = self._ticks = self._late_ticks = self._compute_ns = 0
@@ -217,7 +218,7 @@ class App:
             requests = self._requests = [*self._requests, *given.requests]
             datagrams = self._inbox.take()
             ground = self._relay.take() if self._ground is not None else []
-            out, sample = engine.step(now_s, datagrams, health, requests, ground)
+            out, sample = engine.step(now_s, datagrams, health, requests, ground, self._excitation)
             self._requests = []
             for data in out:
                 self._link.send(data)
@@ -226,7 +227,8 @@ class App:
             self._silent = Condition.LINK_LOST in sample.verdict.conditions
             commands.after_tick(engine, sample, now_s)
             if self._manoeuvre is not None:
-                self._requests += self._manoeuvre.step(engine, sample)
+                asks = self._manoeuvre.step(engine, sample)
+                self._requests, self._excitation = [*asks.requests], asks.excitation
                 if self._manoeuvre.done:
                     self._stop.set()
             self._compute_ns = time.monotonic_ns() - now_ns

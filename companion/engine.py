@@ -13,7 +13,6 @@ from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
 from companion.core.controller import Samples
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
-from companion.core.reference import Reference
 from companion.core.tick import Demand, Known, Memory
 from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
 from companion.guidance.guidance import Guidance
@@ -126,14 +125,6 @@ class Engine:
         self._envelope = assembly.envelope(config)
         self.last: Tick | None = None
         """The last tick; `step` sets it and what follows at its end."""
-        self.events: list[Event] = []
-        """What the last tick took in."""
-        self.applied = NEUTRAL
-        """What the vehicle makes of the last command, after rounding."""
-        self.steering = False
-        """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
-        self.excitation = ZERO
-        """A body force that is added to the law's, N and N·m, to identify the vehicle."""
 
     def step(
         self,
@@ -142,10 +133,12 @@ class Engine:
         loop: LoopHealth,
         requests: Sequence[Request] = (),
         ground: Sequence[tuple[int, bytes]] = (),
+        excitation: Vector = ZERO,
     ) -> tuple[list[bytes], ControlSample]:
         """Advance one tick: take what arrived (monotonic ns, bytes), return what to send and the record.
 
-        `ground` are the pilot's frames as `Relay.take` gives them.
+        `ground` are the pilot's frames as `Relay.take` gives them. `excitation` is a body force that is added
+        to the law's, N and N·m, to identify the vehicle.
         """
         heard = self._receive(now_s, datagrams, ground, requests, loop)
         memory, inputs = self._estimate(heard)
@@ -159,27 +152,30 @@ class Engine:
             memory.actuated.delivered,
         )
         demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)
-        verdict, permission = self._permit(heard, memory, known, state, demanded)
-        reference = tick.references(self.parameters, memory, known, permission)
-        wanted = self._guide(heard, known, state, demanded, verdict, reference)
-        memory, demand = tick.control(self.parameters, memory, known, permission, wanted, heard.control_dt_s)
+        requests, refused = self._asked(heard, state, demanded)
+        verdict, permission = self._permit(heard, memory, known, state, demanded, requests)
+        memory = tick.begin(self.parameters, memory, known, permission)
+        wanted = self._guide(heard, memory, known, state, demanded, verdict)
+        memory, demand = tick.control(
+            self.parameters, memory, known, permission, wanted, heard.control_dt_s, excitation
+        )
         guarded = self._guard(demand, state, demanded, verdict)
         frames = self._send(heard, state, guarded)
         memory = tick.confirm(self.parameters, memory, demand, guarded.applied, guarded.held)
 
         self.memory = memory if demand.finite else self._without_motion(memory)
         self.last = Tick(heard, state, demand, by_quantity(demand.samples), guarded)
-        self.events, self.applied, self.steering = heard.events, guarded.applied, guarded.steers
-        return frames, self._record(self.last)
+        return frames, self._record(self.last, refused)
 
     def displayed(self, sample: ControlSample, events: Sequence[schemas.Event]) -> list[bytes]:
         """Return what the pilot's ground station is to show of the last tick, and answers to its commands.
 
         It goes to the ground station's link, and without one to the vehicle's, which forwards it.
         """
+        applied = NEUTRAL if self.last is None else self.last.guarded.applied
 
         def left() -> float:
-            return reserve(self.parameters.actuation.thrusters, self.applied, self._reach(sample.state))
+            return reserve(self.parameters.actuation.thrusters, applied, self._reach(sample.state))
 
         reports = self.last.heard.reports if self.last is not None else ()
         return self._autopilot.displayed(self._display.step(sample, events, reports, left))
@@ -198,6 +194,11 @@ class Engine:
         mode = self._supervision.restore_mode()
         neutral = self._autopilot.neutral() if self.steering else b""
         return neutral + (self._autopilot.set_mode(mode) if mode is not None else b"")
+
+    @property
+    def steering(self) -> bool:
+        """Whether the last tick sent a steering frame: nobody else's should reach the vehicle meanwhile."""
+        return self.last is not None and self.last.guarded.steers
 
     @property
     def config(self) -> Config:
@@ -341,16 +342,25 @@ class Engine:
         surge, sway, heave, yaw = self._guidance.engaged
         return (steers and surge, steers and sway, steers and heave, steers and yaw)
 
+    def _asked(self, heard: Heard, state: VehicleState, demanded: PilotDemand) -> tuple[list[Request], str]:
+        """Return what operator and pilot request, and why an engage button is refused."""
+        return self._supervision.engagement.with_buttons(
+            heard.requests, state.t_s, engage=demanded.engage, release=demanded.release
+        )
+
     def _permit(
-        self, heard: Heard, memory: Memory, known: Known, state: VehicleState, demanded: PilotDemand
+        self,
+        heard: Heard,
+        memory: Memory,
+        known: Known,
+        state: VehicleState,
+        demanded: PilotDemand,
+        requests: Sequence[Request],
     ) -> tuple[Verdict, Permission]:
         """Return the supervisor's verdict, and who may steer."""
         guidance, before, last = self._guidance, self.verdict, self.last
         sources = guidance.sources
         held = before.authority > 0.0 or before.state is State.ACTIVE
-        requests = self._supervision.engagement.with_buttons(
-            heard.requests, state.t_s, engage=demanded.engage, release=demanded.release
-        )
         thrusters = self.parameters.actuation.thrusters
         observed = Observation(
             state=state,
@@ -373,7 +383,7 @@ class Engine:
         verdict = self._supervision.step(observed)
         engage = Request.ENGAGE in requests
         frame = self._estimator.frame
-        regained = guidance.update(self._supervision.previous, verdict, state, frame, engage=engage)
+        regained = guidance.update(before, verdict, state, frame, engage=engage)
         return verdict, Permission(
             authority=verdict.authority,
             freeze=verdict.freeze,
@@ -383,7 +393,6 @@ class Engine:
             regained=regained or NONE,
             trusts_thrusters=Request.CLEAR_FAULT in heard.requests or _was_mended(heard, state),
             reach=self._reach(state),
-            excitation=self.excitation,
         )
 
     def _details(self, heard: Heard, state: VehicleState, *, holding: bool) -> Details:
@@ -404,14 +413,15 @@ class Engine:
     def _guide(
         self,
         heard: Heard,
+        memory: Memory,
         known: Known,
         state: VehicleState,
         demanded: PilotDemand,
         verdict: Verdict,
-        reference: Reference,
     ) -> Wanted:
         """Return where to go."""
         guidance, dt_s = self._guidance, heard.control_dt_s
+        reference = tick.referred(memory.controlled, memory.limits)
         target = guidance.step(demanded, heard.reports, verdict, state, reference, dt_s)
         full = verdict.state is State.ACTIVE and verdict.authority >= 1.0
         pitches = full and max(known.dead_motor, known.reversed_motor) <= HORIZONTAL
@@ -447,7 +457,7 @@ class Engine:
         self._estimator.restart()
         return memory._replace(actuated=memory.actuated._replace(pace=FULL))
 
-    def _record(self, done: Tick) -> ControlSample:
+    def _record(self, done: Tick, refused: str) -> ControlSample:
         """Return the record of a tick."""
         heard, state, frame, actuated = done.heard, done.state, self._estimator.frame, self.memory.actuated
         references = self._guidance.references
@@ -465,7 +475,7 @@ class Engine:
             loop=heard.loop,
             guided=self._guidance.sources.guided,
             texts=(*self._fitness.introduced(heard.now_s), *said),
-            refused=self._supervision.engagement.refused,
+            refused=refused,
             disarms_in_s=self._supervision.disarms_in_s(state),
         )
 

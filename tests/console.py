@@ -5,7 +5,7 @@ import json
 from virtual import Dive, shared
 
 from companion.io.command_queue import CommandQueue, ReceivedCommand
-from companion.records import ENGAGE_S
+from companion.records import ENGAGE_S, ZERO
 from companion.telemetry.schemas import Reply
 
 
@@ -22,12 +22,12 @@ class Console:
         dive.loop.engine = self
         self.dive = dive
 
-    def step(self, now_s, inbox, health, requests):
+    def step(self, now_s, inbox, health, requests, excitation=ZERO):
         while self.commands.prepare():
             pass
         given = self.commands.before_tick(self.engine, now_s)
         self.given.append(given)
-        out, sample = self._tap.step(now_s, inbox, health, [*requests, *given.requests])
+        out, sample = self._tap.step(now_s, inbox, health, [*requests, *given.requests], excitation)
         self.commands.after_tick(self.engine, sample, now_s)
         self.results += self.commands.results
         return out, sample

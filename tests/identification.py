@@ -100,7 +100,8 @@ def manoeuvred(plant: SimConfig, config: Config, seed: int) -> tuple[Manoeuvre, 
     loop.requests = [Request.ENGAGE]
     while not manoeuvre.done and watched.time_s < LONGEST_S:
         step = loop.tick()
-        loop.requests += manoeuvre.step(engine, step.sample)
+        asks = manoeuvre.step(engine, step.sample)
+        loop.requests, loop.excitation = [*asks.requests], asks.excitation
     list(loop.run(SETTLE_S))
     return manoeuvre, np.array(watched.log)
 

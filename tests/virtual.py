@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.engine import Engine
 from companion.mavlink.relay import Relay
-from companion.records import Request, Setpoint, State
+from companion.records import ZERO, Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep, Step
 from lab.studies.promises import Promises
@@ -165,7 +165,7 @@ class Tap:
     def aim(self, setpoint):
         self.engine.aim(setpoint)
 
-    def step(self, now_s, inbox, health, requests):
+    def step(self, now_s, inbox, health, requests, excitation=ZERO):
         t_s = now_s - START_S
         self._inbox += self.spoil(t_s, list(inbox))
         self._requests += requests
@@ -176,10 +176,10 @@ class Tap:
         requests, self._requests = self._requests, []
         passed = []
         if self.cockpit is None:
-            out, sample = self.engine.step(now_s, inbox, health, requests)
+            out, sample = self.engine.step(now_s, inbox, health, requests, (), excitation)
         else:
             passed, ground = self.cockpit.exchange(round(now_s * 1e9), inbox, health.tick)
-            out, sample = self.engine.step(now_s, inbox, health, requests, ground)
+            out, sample = self.engine.step(now_s, inbox, health, requests, ground, excitation)
             self.cockpit.relay.withhold = self.engine.steering
         self._sample = sample
         self.after(out, sample)

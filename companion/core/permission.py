@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from companion.records import Angles, Axes, Flags, Setpoint, Vector
+from companion.records import Angles, Axes, Flags, Setpoint
 
 
 class Permission(NamedTuple):
@@ -23,8 +23,6 @@ class Permission(NamedTuple):
     """All motors count as sound again."""
     reach: Axes
     """Largest demand on each axis."""
-    excitation: Vector
-    """A body force beside the law's, N and N·m, to identify the vehicle."""
 
 
 class Wanted(NamedTuple):

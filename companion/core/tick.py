@@ -1,7 +1,7 @@
-"""One tick in three calls, on values alone: `observe` the vehicle, `control` it, `confirm` what left for it.
+"""One tick in four calls, on values alone: `observe`, `begin` where the vehicle is, `control`, `confirm`.
 
-Between the first two others say who may steer and where to go; between the last two the guard bounds what is
-sent. The order is in the types: a `Demand` is made of a `Known`, and a `Demand` is confirmed.
+After the first others say who may steer, after the second where to go; before the last the guard bounds what
+is sent. The order is in the types: a `Demand` is made of a `Known`, and a `Demand` is confirmed.
 """
 
 import math
@@ -17,7 +17,7 @@ from companion.core.observers import Feedback, Inputs, Motion, Observers, Observ
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
-from companion.records import PSI, Axes, Vector, VehicleModel, X, Y, Z, without
+from companion.records import PSI, ZERO, Axes, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
@@ -104,9 +104,14 @@ def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Mem
     return Memory(observed, controlled, actuated, limits, watch, ticks), known
 
 
-def references(parameters: Parameters, memory: Memory, known: Known, permission: Permission) -> Reference:
-    """Return the references from which `control` will go on, and the pace that is left."""
-    return referred(begun(parameters.control, memory.controlled, permission, known.ahead), memory.limits)
+def begin(parameters: Parameters, memory: Memory, known: Known, permission: Permission) -> Memory:
+    """Stay where the vehicle is while nothing is held; start there what is held again."""
+    control, controlled, ahead = parameters.control, memory.controlled, known.ahead
+    if permission.rests:
+        controlled = controller.at_rest(control, ahead.eta, ahead.eta_dot, ahead.disturbance)
+    else:
+        controlled = controller.caught_up(control, controlled, permission.regained, ahead.eta, ahead.eta_dot)
+    return memory._replace(controlled=controlled)
 
 
 def control(
@@ -116,8 +121,12 @@ def control(
     permission: Permission,
     wanted: Wanted,
     dt_s: float,
+    excitation: Vector = ZERO,
 ) -> tuple[Memory, Demand]:
-    """Return what the law and the thrusters' allocation make of it, as far as it is permitted."""
+    """Return what the law and the thrusters' allocation make of it, as far as it is permitted.
+
+    `excitation` is a body force beside the law's, N and N·m, to identify the vehicle.
+    """
     ahead, full = known.ahead, permission.authority >= 1.0
     J = jacobian(ahead.eta[PSI])
     orders = Orders(
@@ -128,11 +137,10 @@ def control(
         watched=full,
         pace=memory.limits.pace,
     )
-    controlled = begun(parameters.control, memory.controlled, permission, ahead)
     controlled, samples = controller.step(
-        parameters.control, controlled, ahead, J, wanted.target, orders, dt_s
+        parameters.control, memory.controlled, ahead, J, wanted.target, orders, dt_s
     )
-    requested = wrench(J, samples, permission.excitation)
+    requested = wrench(J, samples, excitation)
     away_m = distance_m(ahead.eta, controlled)
     actuated, axes, limits = actuation.step(
         parameters.actuation, memory.actuated, requested, permission, wanted, known.tilt, away_m, dt_s
@@ -236,13 +244,6 @@ def levelling_gain(model: VehicleModel) -> float:
     """
     most = model.found_gain[Z] * math.exp(LEVELLING_DOUBTS * model.log_gain_doubt[Z])
     return max(model.gain[Z], min(most, 1.0))
-
-
-def begun(control: Control, memory: ControlMemory, permission: Permission, ahead: Ahead) -> ControlMemory:
-    """Stay where the vehicle is while nothing is held; start there what is held again."""
-    if permission.rests:
-        return controller.at_rest(control, ahead.eta, ahead.eta_dot, ahead.disturbance)
-    return controller.caught_up(control, memory, permission.regained, ahead.eta, ahead.eta_dot)
 
 
 def referred(memory: ControlMemory, limits: Limits) -> Reference:

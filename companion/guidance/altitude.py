@@ -37,8 +37,6 @@ class AltitudeHold:
 
     def __init__(self, altitude_m: float) -> None:
         self.altitude_m = altitude_m
-        self.by_hand = False
-        """Whether the pilot moves the depth in this tick."""
         self.rest()
 
     @classmethod
@@ -62,7 +60,7 @@ class AltitudeHold:
 
     def take(self) -> None:
         """Keep the altitude to which the pilot moves it."""
-        self.altitude_m, self.by_hand = math.nan, True
+        self.altitude_m = math.nan
         self.rest()
 
     def lacks_m(self, ground: Ground) -> float:

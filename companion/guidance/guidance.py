@@ -178,8 +178,9 @@ class Guidance:
         """
         sources, target = self.sources, self.sources.target
         sources.hear(events)
-        if demand is not NO_DEMAND:
-            self._apply_pilot_demand(demand, state.eta_ahead[PSI], reference, dt_s)
+        by_hand = demand is not NO_DEMAND and self._apply_pilot_demand(
+            demand, state.eta_ahead[PSI], reference, dt_s
+        )
         if verdict.state is State.ACTIVE and verdict.authority < 1.0:
             return sources.bounds.fenced(target.start, sources.frame.now)
         if verdict.state is State.ACTIVE:
@@ -187,14 +188,15 @@ class Guidance:
             target.carry_on(state.t_s, dt_s)
             if sources.course.moves:
                 self._follow_course(sources.course, state, reference, dt_s)
-            if self.engaged[Z]:
+            if self.engaged[Z] and not by_hand:
                 self._keep_altitude(state.ground, dt_s)
         return sources.bounds.fenced(target.now, sources.frame.now)
 
-    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> None:
+    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> bool:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
-        `psi` is the heading where the command acts. A path is paused by any of it.
+        Return whether he moves an altitude that is kept. `psi` is the heading where the command acts. A path
+        is paused by any of it.
         """
         sources, held, target = self.sources, self.sources.held, self.sources.target
         if held.lost and demand.sticks is not None:
@@ -218,17 +220,16 @@ class Guidance:
         if there is not here:
             target.now = now.setpoint_inside(there)
         taken = either(moved, demand.overridden)
-        if sources.altitude is not None and taken[Z]:
-            sources.altitude.take()
         target.ask_places(taken, UNSET)
+        if sources.altitude is None or not taken[Z]:
+            return False
+        sources.altitude.take()
+        return True
 
     def _keep_altitude(self, ground: Ground, dt_s: float) -> None:
         """Move the target's depth with the ground."""
         altitude, bounds, target = self.sources.altitude, self.sources.bounds, self.sources.target
         if altitude is None:
-            return
-        if altitude.by_hand:
-            altitude.by_hand = False
             return
         heave, least_m = bounds.config.heave, bounds.config.supervisor.min_altitude_m
         altitude.step(ground, target.now.eta_d[Z], least_m, heave.max_rate, heave.max_acceleration, dt_s)

@@ -54,7 +54,7 @@ SHALLOWEST_M: Final = 1.2
 """The least depth to begin at: the sweep in heave must not reach the surface."""
 
 
-Steps = Generator[list[Request], None, str]
+Steps = Generator["Asks", None, str]
 """Requests of each tick, and at the end why to stop; empty where there is no reason."""
 
 
@@ -78,6 +78,16 @@ EXCITATIONS: Final = (
 """Surge, sway, heave, yaw."""
 
 
+class Asks(NamedTuple):
+    """What is asked of the engine's next tick: requests, and a body force beside the law's, N and N·m."""
+
+    requests: tuple[Request, ...] = ()
+    excitation: Vector = ZERO
+
+
+NOTHING = Asks()
+
+
 class Manoeuvre:
     """Call `step` after each of the engine's; ask the engine for what it returns; until `done`."""
 
@@ -93,27 +103,26 @@ class Manoeuvre:
         self.doing = ""
         self._script = self._manoeuvre()
 
-    def step(self, engine: Engine, sample: ControlSample) -> list[Request]:
-        """Take the engine's last tick; move its setpoint and push for the next one."""
+    def step(self, engine: Engine, sample: ControlSample) -> Asks:
+        """Take the engine's last tick; move its setpoint; return what to ask of the next one."""
         self._engine, self._sample = engine, sample
-        engine.excitation = ZERO
-        return [] if self.done else next(self._script, [])
+        return NOTHING if self.done else next(self._script, NOTHING)
 
     @property
     def streams(self) -> Streams:
         """What was sent and measured since it began."""
         return Streams(**self._rows)
 
-    def _manoeuvre(self) -> Iterator[list[Request]]:
-        """Give the requests of each tick; in the end ask the engine to release, and wait until it has."""
+    def _manoeuvre(self) -> Iterator[Asks]:
+        """Give what is asked of each tick; in the end ask the engine to release, and wait until it has."""
         self.failure = yield from self._engaged()
         if not self.failure:
             self.failure = yield from self._excited(self._sample.state.eta)
         self._do("releasing")
         began_s = self._now_s
-        yield [Request.STOP]
+        yield Asks((Request.STOP,))
         while self._sample.verdict.authority > 0.0 and self._now_s - began_s < ENDING_S:
-            yield []
+            yield NOTHING
         self.done = True
 
     def _do(self, what: str) -> None:
@@ -127,7 +136,7 @@ class Manoeuvre:
             self._do(advised(f"waiting: {verdict.reason}", verdict.remedy))
             if self._now_s - began_s > WAIT_S:
                 return f"not permitted to engage: {verdict.reason}"
-            yield []
+            yield NOTHING
         z_m = self._sample.state.eta[Z]
         return f"depth {z_m:.1f} m: at least {SHALLOWEST_M:g} m are needed" if z_m < SHALLOWEST_M else ""
 
@@ -140,13 +149,11 @@ class Manoeuvre:
                 if stop := self._out_of_bounds(home, dofs):
                     return stop
                 self._do(f"settling before {AXES[dof]}" if t_s < -LEAD_S else AXES[dof])
+                push = 0.0
                 if t_s >= -LEAD_S:
                     self._engine.aim(_swept(home, dof, kind, t_s))
                     push = kind.push * pushing(t_s, kind)
-                    self._engine.excitation = vector(
-                        push if axis == dof else 0.0 for axis in range(len(DOFS))
-                    )
-                yield []
+                yield Asks(excitation=vector(push if axis == dof else 0.0 for axis in range(len(DOFS))))
                 self._note()
             self.moved.append(dof)
             self._engine.aim(Setpoint(home))
@@ -170,11 +177,12 @@ class Manoeuvre:
 
     def _note(self) -> None:
         """Keep what was sent and measured, by its stamp on our clock."""
-        rows, state = self._rows, self._sample.state
-        rows["sticks"].append((state.t_s, *self._engine.applied))
+        rows, state, last = self._rows, self._sample.state, self._engine.last
+        assert last is not None, "it is told after a tick"
+        rows["sticks"].append((state.t_s, *last.guarded.applied))
         rows["voltage"].append((state.t_s, state.voltage_v))
         ahead_s = state.boot_s - state.t_s
-        for event in self._engine.events:
+        for event in last.heard.events:
             if not isinstance(event, Depth | DepthRate | Attitude | Position):
                 continue
             stamp_s = event.boot_s

@@ -24,8 +24,6 @@ class Engagement:
         self._arm = arm
         self._verdict, self._mode, self._details = JUST_STARTED, -1, NO_DETAILS
         """The last tick's."""
-        self.refused = ""
-        """Why the engage button was refused in this tick."""
         self._wanted = False
         self._until_s = math.inf
         self.unconfirmed = frozenset[str]()
@@ -82,23 +80,22 @@ class Engagement:
 
     def with_buttons(
         self, requests: Sequence[Request], now_s: float, *, engage: bool, release: bool
-    ) -> list[Request]:
-        """Return `requests` and what the pilot's buttons ask for; `refused` says why one is refused.
+    ) -> tuple[list[Request], str]:
+        """Return `requests` and what the pilot's buttons ask for, and why the engage button is refused.
 
         The engage button also clears a fault whose cause has gone.
         """
-        self.refused, verdict = "", self._verdict
+        verdict = self._verdict
         if release:
-            return [*requests, Request.STOP]
+            return [*requests, Request.STOP], ""
         if not engage:
-            return [*requests]
+            return [*requests], ""
         clears = verdict.state is State.FAULT and not verdict.conditions & FAULT_CAUSES
         judged = Verdict(State.IDLE, verdict.conditions, 0.0, "") if clears else verdict
-        self.refused = self.refusal(Request.ENGAGE, judged)
-        if self.refused:
-            return [*requests]
+        if refused := self.refusal(Request.ENGAGE, judged):
+            return [*requests], refused
         self._until_s = now_s + ENGAGE_S
-        return [*requests, *([Request.CLEAR_FAULT] if clears else []), Request.ENGAGE]
+        return [*requests, *([Request.CLEAR_FAULT] if clears else []), Request.ENGAGE], ""
 
     def step(
         self,

@@ -35,7 +35,7 @@ class Supervision:
         self._flight_mode = FlightMode(STEERING_MODES[config.vehicle.steering_mode])
         self._config = config
         self._parameters = parameters
-        self.previous = self.verdict = JUST_STARTED
+        self.verdict = JUST_STARTED
         self._steered_s = -math.inf
 
     def retune(self, config: Config, *, changed: bool) -> None:
@@ -75,7 +75,7 @@ class Supervision:
         verdict = self._machine.step(assess(now, limits), dt_s, details)
         mode.update(previous, verdict, state)
         self.engagement.update(verdict, state.mode, details)
-        self.previous, self.verdict = previous, verdict
+        self.verdict = verdict
         return verdict
 
     def steers(self, state: VehicleState) -> bool:

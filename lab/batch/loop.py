@@ -11,8 +11,8 @@ import numpy as np
 
 from companion.core.actuation import NO_AXES, NONE
 from companion.core.permission import Permission, Wanted
-from companion.core.tick import confirm, control, observe, start
-from companion.records import LEVEL, ZERO, Array, Axes, Setpoint
+from companion.core.tick import begin, confirm, control, observe, start
+from companion.records import LEVEL, Array, Axes, Setpoint
 from companion.supervision.guard import bounded
 from lab.batch.companion import Companion, inputs, on_the_wire
 from lab.batch.stand_in import (
@@ -67,7 +67,9 @@ def dive(
         measured = inputs(at, readings, vehicle.voltage_v, companion, memory.observed.hidden.hidden_s, index)
         memory, known = observe(parameters, memory, measured)
         wanted = aim(vehicle, targets[index], north, east, first)
-        memory, demand = control(parameters, memory, known, permit(companion, index), wanted, TICK_S)
+        permission = permit(companion, index)
+        memory = begin(parameters, memory, known, permission)
+        memory, demand = control(parameters, memory, known, permission, wanted, TICK_S)
         last = bounded(demand.axes, last, companion.reach, companion.slew)
         axes = on_the_wire(last)
         memory = confirm(parameters, memory, demand, axes, OURS)
@@ -141,7 +143,6 @@ def permit(companion: Companion, index: int) -> Permission:
         regained=NONE,
         trusts_thrusters=False,
         reach=companion.reach,
-        excitation=ZERO,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from companion.engine import Engine
-from companion.records import ControlSample, LoopHealth, Request, Setpoint
+from companion.records import ZERO, ControlSample, LoopHealth, Request, Setpoint
 from sim_bridge.vehicle import Truth
 
 COMPANION_LINK = 1
@@ -101,6 +101,7 @@ class Lockstep:
         self._up, self._down = Wire(), Wire()
         self._tick = 0
         self.requests: list[Request] = []
+        self.excitation = ZERO
         vehicle.open_link(COMPANION_LINK)
 
     def tick(self) -> Step:
@@ -116,7 +117,7 @@ class Lockstep:
         self._tick += 1
         health = LoopHealth(self._tick, self._rate_hz, 0.0, 0.0, 0, 0)
         requests, self.requests = self.requests, []
-        out, sample = self.engine.step(START_S + now_s, inbox, health, requests)
+        out, sample = self.engine.step(START_S + now_s, inbox, health, requests, excitation=self.excitation)
         for data in out:
             delay_s = link.down_s + link.extra_s(now_s) + self._jitter()
             self._down.put(now_s + delay_s, data)

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import Config, load_config
 from companion.engine import Engine
-from companion.records import ControlSample, LoopHealth, Request, Setpoint, State
+from companion.records import ZERO, ControlSample, LoopHealth, Request, Setpoint, State, Vector
 from lab.loop.dive import engaging
 from lab.loop.lockstep import START_S, Lockstep
 from lab.studies.promises import Promises, hold_telemetry
@@ -86,6 +86,7 @@ class CheckedEngine(Engine):
         loop: LoopHealth,
         requests: Sequence[Request] = (),
         ground: Sequence[tuple[int, bytes]] = (),
+        excitation: Vector = ZERO,
     ) -> tuple[list[bytes], ControlSample]:
         """Advance one tick, unless asleep; raise PromiseBrokenError."""
         t_s, spoilt = now_s - START_S, list(datagrams)
@@ -97,7 +98,7 @@ class CheckedEngine(Engine):
             return [], self._sample
         self._waiting = [], []
         others, self.to_vehicle = self.to_vehicle, []
-        out, self._sample = super().step(now_s, inbox, loop, asked, ground)
+        out, self._sample = super().step(now_s, inbox, loop, asked, ground, excitation)
         self.promises.hold(t_s, out, self._sample, asked, steers=self.steering)
         hold_telemetry(self._sample)
         return out + others, self._sample

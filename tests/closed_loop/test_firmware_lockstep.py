@@ -80,7 +80,11 @@ def test_its_ekf_has_an_origin_where_the_dive_is_surveyed_alone(fake, surveyed):
     dive = Dive(engage=False, firmware=fake, surveyed=surveyed)
     assert isinstance(dive.vehicle, Firmware)
     with dive.vehicle:
-        events = [event for _ in range(200) for event in (dive.run(0.02), dive.engine.events)[1]]
+        events: list[Any] = []
+        for _ in range(200):
+            dive.run(0.02)
+            assert dive.engine.last is not None
+            events += dive.engine.last.heard.events
     assert any(isinstance(event, GlobalOrigin) for event in events) is surveyed
 
 

@@ -137,7 +137,9 @@ class Identifying(Dive):
         """Go on; return the step at which the manoeuvre was done, or the last."""
         for step in self.loop.run(seconds):
             self.step = step
-            self.loop.requests += self.manoeuvre.step(self.engine, step.sample)
+            asks = self.manoeuvre.step(self.engine, step.sample)
+            self.loop.requests += asks.requests
+            self.loop.excitation = asks.excitation
             if self.manoeuvre.done:
                 break
         return self
@@ -163,13 +165,13 @@ ENDINGS = {
 @pytest.mark.parametrize("reason", ENDINGS)
 def test_it_ends_with_neutral_and_says_why(reason):
     dive = moving(pilot=reason.startswith("the pilot"))
-    assert dive.engine.excitation != ZERO
+    assert dive.loop.excitation != ZERO
     ENDINGS[reason](dive)
     dive.go(5.0)
     assert dive.manoeuvre.done
     assert reason in dive.manoeuvre.failure
     assert not dive.manoeuvre.moved
-    assert dive.engine.excitation == ZERO
+    assert dive.loop.excitation == ZERO
     assert dive.state is not State.ACTIVE
 
 

@@ -71,7 +71,7 @@ def test_after_a_reboot_of_the_autopilot_it_is_not_resumed():
     dive.ask(Request.STOP)
     dive.run(2.0)
     dive.fault("reboot")
-    while not any(isinstance(event, Reboot) for event in dive.engine.events):
+    while not any(isinstance(event, Reboot) for event in dive.engine.last.heard.events):
         dive.run(0.02)
     dive.run(0.04)
     with pytest.raises(ValueError, match=r"the autopilot was restarted meanwhile.*Follow it anew"):

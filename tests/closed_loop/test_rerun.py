@@ -12,7 +12,7 @@ from virtual import ROOT, Somebody, hold
 import holdfast
 from companion.config import Config, load_config
 from companion.engine import Engine
-from companion.records import Request
+from companion.records import ZERO, Request
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
@@ -30,9 +30,9 @@ class Scribe(Engine):
     ground: list[tuple[int, bytes]]
     handed: dict[str, Any]
 
-    def step(self, now_s, datagrams, loop, requests=(), ground=()):
+    def step(self, now_s, datagrams, loop, requests=(), ground=(), excitation=ZERO):
         ground, self.ground = self.ground, []
-        out, sample = super().step(now_s, datagrams, loop, requests, ground)
+        out, sample = super().step(now_s, datagrams, loop, requests, ground, excitation)
         raw = telemetry.Raw(
             tick=loop.tick,
             now_s=now_s,

@@ -35,7 +35,7 @@ def test_it_tells_its_origin_and_boots_holds_its_depth_and_ends_with_its_process
     events, process = [], Path(f"/proc/{dive.vehicle.pid}")
     for _ in range(400):
         dive.run(0.02)
-        events += dive.engine.events
+        events += dive.engine.last.heard.events
     (origin,) = (e for e in events if isinstance(e, GlobalOrigin))
     assert 47.0 < origin.latitude_deg < 48.0, "it is asked for once"
     (boots,) = {e.value for e in events if isinstance(e, Parameter) and e.name == "STAT_BOOTCNT"}

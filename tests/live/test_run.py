@@ -299,7 +299,9 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
 
     def breaks(self: Engine, *arguments: Any, **more: Any) -> object:
         if next(ticks) > 20:
-            self.steering = steering
+            assert self.last is not None
+            guarded = self.last.guarded._replace(steers=steering)
+            self.last = self.last._replace(guarded=guarded)
             raise ZeroDivisionError("planted")
         return step(self, *arguments, **more)
 

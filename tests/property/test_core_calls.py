@@ -69,7 +69,6 @@ permissions = st.builds(
     regained=flags,
     trusts_thrusters=st.booleans(),
     reach=st.just(REACH),
-    excitation=four(50.0),
 )
 wishes = st.builds(
     Wanted,
@@ -79,9 +78,11 @@ wishes = st.builds(
 )
 
 
-def ticked(data, parameters, memory, number, permission):
+def ticked(data, parameters, memory, number, permission, excitation=None):
     memory, known = tick.observe(parameters, memory, data.draw(measured(100.0 + number * DT_S)))
-    memory, demand = tick.control(parameters, memory, known, permission, data.draw(wishes), DT_S)
+    memory, wanted = tick.begin(parameters, memory, known, permission), data.draw(wishes)
+    pushed = data.draw(four(50.0)) if excitation is None else excitation
+    memory, demand = tick.control(parameters, memory, known, permission, wanted, DT_S, pushed)
     applied = data.draw(st.sampled_from([demand.axes, (0.0,) * 6])) if demand.finite else (0.0,) * 6
     return tick.confirm(parameters, memory, demand, applied, OURS), demand, applied
 
@@ -122,10 +123,9 @@ def test_finite_inputs_give_finite_axes_within_reach_and_none_without_authority(
 def test_a_number_that_is_not_finite_is_said_and_asks_for_nothing(frame, data, dof):
     parameters = PARAMETERS[frame]
     memory = tick.start(parameters)
-    permission = data.draw(permissions)._replace(
-        excitation=tuple(math.nan if i == dof else 0.0 for i in range(4))
-    )
-    _, demand, _ = ticked(data, parameters, memory, 0, permission)
+    permission = data.draw(permissions)
+    excitation = tuple(math.nan if i == dof else 0.0 for i in range(4))
+    _, demand, _ = ticked(data, parameters, memory, 0, permission, excitation)
     assert not demand.finite
     assert not any(
         axis != 0.0 and math.isfinite(axis) and permission.authority == 0.0 for axis in demand.axes
@@ -140,7 +140,8 @@ def test_a_call_gives_the_same_twice_and_changes_nothing_that_it_is_given(data):
 
     def once():
         observed, known = tick.observe(parameters, memory, inputs)
-        controlled, demand = tick.control(parameters, observed, known, permission, wanted, DT_S)
+        begun = tick.begin(parameters, observed, known, permission)
+        controlled, demand = tick.control(parameters, begun, known, permission, wanted, DT_S)
         return tick.confirm(parameters, controlled, demand, (0.0,) * 6, OURS), demand
 
     assert repr(once()) == repr(once())

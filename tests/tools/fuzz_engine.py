@@ -48,12 +48,14 @@ from companion.mavlink.relay import Relay
 from companion.records import (
     AXES,
     PSI,
+    ZERO,
     ControlSample,
     LinkCounters,
     LoopHealth,
     Request,
     Setpoint,
     State,
+    Vector,
     Z,
     vector,
 )
@@ -640,7 +642,12 @@ class Fuzzed:
         self._promises = Promises(config, pilot=ground)
 
     def step(
-        self, now_s: float, datagrams: Inbox, loop: LoopHealth, requests: Sequence[Request] = ()
+        self,
+        now_s: float,
+        datagrams: Inbox,
+        loop: LoopHealth,
+        requests: Sequence[Request] = (),
+        excitation: Vector = ZERO,
     ) -> tuple[list[bytes], ControlSample]:
         """Advance one tick, unless asleep; raise PromiseBrokenError."""
         inbox = list(datagrams)
@@ -657,7 +664,7 @@ class Fuzzed:
         pilot, passed = self._heard_from_ground()
         given = self._queue.before_tick(self.engine, now_s)
         asked = (*presses, *given.requests)
-        out, sample = self.engine.step(now_s, inbox, loop, asked, pilot)
+        out, sample = self.engine.step(now_s, inbox, loop, asked, pilot, excitation)
         self._queue.after_tick(self.engine, sample, now_s)
         self._between_ticks(sample)
         if self._relay is not None:

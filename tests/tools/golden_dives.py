@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from companion.config import load_config
-from companion.records import Request, State
+from companion.records import ZERO, Request, State
 from companion.telemetry.schemas import Raw, Start
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import trajectory
@@ -40,8 +40,8 @@ class Recorder:
         self._engine.retune(config)
         self._given["config"] = msgspec.to_builtins(config)
 
-    def step(self, now_s, heard, loop, requests=(), ground=()):
-        out, sample = self._engine.step(now_s, heard, loop, requests, ground)
+    def step(self, now_s, heard, loop, requests=(), ground=(), excitation=ZERO):
+        out, sample = self._engine.step(now_s, heard, loop, requests, ground, excitation)
         given, self._given = self._given, {}
         asked = [request.name for request in requests]
         self.ticks.append(

@@ -118,7 +118,10 @@ def test_troubleshooting_names_conditions():
 
 
 def test_the_picture_of_the_loop_is_the_code_of_the_tick():
-    """The calls of `Engine.step` in their order; engine or assembly imports each file."""
+    """All calls of `Engine.step` in their order, but the one for a number that is not finite.
+
+    Engine or assembly imports each file.
+    """
     picture = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
     drawn = re.findall(r"^  (\w+) +([\w/]+)\.py  ", picture, re.MULTILINE)
     engine, assembly = (
@@ -137,9 +140,7 @@ def test_the_picture_of_the_loop_is_the_code_of_the_tick():
         for node in ast.walk(step)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
     )
-    names = [name for name, _ in drawn]
-    assert len(names) == 9
-    assert [name for _, name in calls if name in names] == names
+    assert [name for _, name in calls if name != "without_motion"] == [name for name, _ in drawn]
     assert all(f"companion.{file.replace('/', '.')}" in imported for _, file in drawn)
 
 
