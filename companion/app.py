@@ -33,7 +33,7 @@ from companion.mavlink.relay import Relay
 from companion.mavlink.signing import signing_of
 from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
-from companion.records import ZERO, Condition, ControlSample, LoopHealth, Request, Setpoint
+from companion.records import ZERO, Condition, ControlSample, DiveTotals, LoopHealth, Request, Setpoint
 from companion.steps import Task
 from companion.telemetry.commands import SetPath
 from companion.telemetry.event_log import EventLog
@@ -88,6 +88,7 @@ class App:
             self._ground = MavlinkLink(endpoint, "ground station", self._from_ground, admission)
         self._links = [link for link in (self._link, self._ground) if link is not None]
         self._peer_changes = 0
+        self._dive = DiveTotals()
         self._beside = Beside()
         self._commands = CommandQueue(config)
         self._event_log = EventLog()
@@ -220,6 +221,7 @@ class App:
             ground = self._relay.take() if self._ground is not None else []
             out, sample = engine.step(now_s, datagrams, health, requests, ground, self._excitation)
             self._requests = []
+            self._dive = self._dive.after(sample.state, self._period_ns / NS_PER_S)
             for data in out:
                 self._link.send(data)
             if self._ground is not None:
@@ -254,6 +256,7 @@ class App:
             peer_changes=self._peer_changes,
             left_out_bytes=self._inbox.left_out + (self._relay.left_out if self._ground is not None else 0),
             errors=self._beside.count + self._publisher.beside.count,
+            dive=self._dive,
         )
 
     def _tell(

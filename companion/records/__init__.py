@@ -75,6 +75,7 @@ from companion.records.state import (
 from companion.records.tick import (
     ENGAGE_S,
     ControlSample,
+    DiveTotals,
     Guided,
     LoopHealth,
     Request,

@@ -7,12 +7,13 @@ import msgspec
 
 from companion.records.conditions import Condition
 from companion.records.control import AxisCommand, Dofs
-from companion.records.dof import LEVEL, ZERO, Angles, Vector
+from companion.records.dof import LEVEL, ZERO, Angles, Vector, Z
 from companion.records.events import LinkCounters, StatusText
 from companion.records.state import VehicleState
 
 ENGAGE_S = 5.0
 """A command or a button asks to engage for this time: later it would be a surprise."""
+DIVING_M = 0.5
 
 
 class Request(IntEnum):
@@ -83,6 +84,21 @@ class Verdict(msgspec.Struct, frozen=True):
     remedy: str = ""
 
 
+class DiveTotals(NamedTuple):
+    """Of the vehicle since this process started, while it was armed."""
+
+    deepest_m: float = 0.0
+    dive_s: float = 0.0
+    """Time deeper than DIVING_M."""
+
+    def after(self, state: VehicleState, dt_s: float) -> "DiveTotals":
+        """Return them after one more tick."""
+        depth_m = state.eta[Z]
+        if not state.armed or state.stale[Z] or not depth_m > DIVING_M:
+            return self
+        return DiveTotals(max(self.deepest_m, depth_m), self.dive_s + dt_s)
+
+
 class LoopHealth(msgspec.Struct, frozen=True):
     """How the process itself is doing."""
 
@@ -99,6 +115,7 @@ class LoopHealth(msgspec.Struct, frozen=True):
     """Bytes of floods on the links that were dropped."""
     errors: int = 0
     """Errors in what runs beside the tick."""
+    dive: DiveTotals = DiveTotals()
 
 
 class ControlSample(msgspec.Struct, frozen=True):

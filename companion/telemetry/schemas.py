@@ -201,6 +201,8 @@ class Loop(Record, frozen=True, kw_only=True):
     left_out_bytes: Annotated[int, field("bytes dropped in a flood")] = 0
     errors: Annotated[int, field("errors beside the tick; the log has them")] = 0
     refused: Annotated[int, field("frames without a right, new signature", "counters.refused")] = 0
+    deepest_m: Annotated[float, field("while armed, since the start", "loop.dive.deepest_m")] = 0.0
+    dive_s: Annotated[float, field("armed and under 0.5 m, since the start", "loop.dive.dive_s")] = 0.0
     version: Annotated[str, field("of Holdfast, with its commit", None)] = ""
 
 

@@ -10,16 +10,14 @@ from msgspec.structs import replace
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import on_engaging, on_page
-from companion.telemetry.schemas import EVERY_TICK, Choices, Dof, Event, Loop, Plan, Recorder, Schema, State
-from dashboard.vehicles import RESTART_S, Fleet, Vehicle
+from companion.telemetry.schemas import EVERY_TICK, Choices, Dof, Event, Loop, Plan, Recorder, Schema
+from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.rows import Ring, empty_row, fill, fill_truth
 from dashboard.zenoh_client import Message
 
 HISTORY_S = 120.0  # four windows of the page's plots; 4 MB
 ROWS = round(HISTORY_S * 50.0)
 RECORDER_SILENT_S = 3.0  # it tells its state every second
-DIVING_M = 0.5
-"""Time that is spent deeper than this is dive time."""
 MODEL = tuple(name for name in Dof.__struct_fields__ if name.startswith("model_"))
 """What a Dof tells of the vehicle as found: gain and lag, in use, found, and their doubts."""
 SHOWN = (
@@ -51,8 +49,6 @@ class VehicleHistory(Vehicle):
         self.config: dict[str, Any] | None = None
         self.choices = Choices(compensator=())
         self.config_version = 0
-        self.deepest_m = self.dive_s = 0.0
-        """Since the companion started, or the page's server if that came later."""
         self._row, self._row_t_s = empty_row(), math.nan
         self._recorder_heard_s = -math.inf
         self._truths: deque[TrueDisturbance] = deque(maxlen=_TRUTHS)
@@ -64,7 +60,7 @@ class VehicleHistory(Vehicle):
 
     def take(self, tail: str, record: Schema, now_s: float) -> None:
         """Take a record that came at `now_s`, a monotonic clock of this machine."""
-        state, plan = self.state, self.plan
+        plan = self.plan
         if isinstance(record, Plan) and plan and replace(record, t_s=plan.t_s, boot_s=plan.boot_s) == plan:
             return
         super().take(tail, record, now_s)
@@ -72,8 +68,6 @@ class VehicleHistory(Vehicle):
             self._recorder_heard_s = now_s
         if tail not in EVERY_TICK:
             return
-        if isinstance(record, State) and "depth_m" not in record.absent:
-            self._dive(state, record)
         if record.t_s != self._row_t_s:
             self._flush()
             self._row_t_s = record.t_s
@@ -81,11 +75,6 @@ class VehicleHistory(Vehicle):
         if isinstance(record, Loop):  # the last of a tick
             self._true(record.boot_s)
             self._flush()
-
-    def _dive(self, before: State | None, state: State) -> None:
-        self.deepest_m = max(self.deepest_m, state.depth_m)
-        if before is not None and state.depth_m > DIVING_M:
-            self.dive_s += min(max(state.t_s - before.t_s, 0.0), RESTART_S)
 
     def take_truth(self, truth: TrueDisturbance) -> None:
         """Take a sample of the simulator's."""
@@ -113,8 +102,6 @@ class VehicleHistory(Vehicle):
             "pending": on_engaging(state.pending) if state else "",
             "holder": self.holder,
             "advice": on_page(supervisor.remedy) if supervisor else "",
-            "deepest_m": self.deepest_m,
-            "dive_s": self.dive_s,
             "model": {dof.dof: _known(dof, MODEL) for dof in dofs},
             "supervisor": supervisor,
             "loop": self.loop,
@@ -147,7 +134,6 @@ class VehicleHistory(Vehicle):
         self.events.clear()
         self.latest.pop("plan", None)
         self._row, self._row_t_s = empty_row(), math.nan
-        self.deepest_m = self.dive_s = 0.0
         self.config, self.config_version = None, self.config_version + 1
 
 

@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 from builders import plan
-from msgspec.structs import replace
 
 from companion.records import ControlSample
 from companion.telemetry import samples
@@ -93,17 +92,6 @@ def test_ages_are_of_arrival_and_of_the_way(make_sample: MakeSample) -> None:
     assert vehicle.status(21.0)["age_s"] == pytest.approx(0.0)
     seen.take(_messages(make_sample(t_s=1.0)), now_s=31.0)
     assert vehicle.status(31.1)["age_s"] == pytest.approx(0.1), "its clock starts again"
-
-
-def test_the_greatest_depth_and_the_time_below_the_surface_are_kept(make_sample: MakeSample) -> None:
-    seen = Histories()
-    for t_s, depth_m in ((1.0, 0.2), (2.0, 3.0), (3.0, 1.0), (3.5, 0.1), (99.0, 0.1), (100.0, math.nan)):
-        sample = make_sample(t_s=t_s)
-        sample = replace(sample, state=replace(sample.state, eta=(0.0, 0.0, depth_m, 0.0)))
-        seen.take(_messages(sample), now_s=t_s)
-    status = seen.vehicles["kelp"].status(99.0)
-    assert status["deepest_m"] == 3.0
-    assert status["dive_s"] == pytest.approx(2.0)
 
 
 def test_the_plan_is_kept_until_another_comes(make_sample: MakeSample) -> None:

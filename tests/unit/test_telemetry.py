@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from companion.records import DOFS, Ages, Condition, ControlSample
+from companion.records import DOFS, Ages, Condition, ControlSample, DiveTotals
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 
@@ -62,6 +62,26 @@ def test_a_field_of_the_state_is_absent_when_its_source_is_silent(make_sample: M
     state = samples.records(silent)[0]
     assert set(state.absent) | OF_EVERY_TICK == set(state.__struct_fields__)
     assert not set(state.absent) & OF_EVERY_TICK
+
+
+def test_depth_and_time_of_a_dive_count_while_armed_and_leave_with_the_loop(make_sample: MakeSample) -> None:
+    sample, dive = make_sample(), DiveTotals()
+    for depth_m, armed, stale in (
+        (0.4, True, False),
+        (3.0, True, False),
+        (9.0, False, False),
+        (2.0, True, False),
+        (8.0, True, True),
+        (math.nan, True, False),
+    ):
+        state = replace(
+            sample.state, eta=(0.0, 0.0, depth_m, 0.0), armed=armed, stale=(False, False, stale, False)
+        )
+        dive = dive.after(state, 0.02)
+    assert dive == DiveTotals(3.0, 0.04)
+    loop = samples.records(replace(sample, loop=replace(sample.loop, dive=dive)))[-1]
+    assert isinstance(loop, telemetry.Loop)
+    assert (loop.deepest_m, loop.dive_s) == (3.0, 0.04)
 
 
 def test_every_number_of_a_dof_keeps_its_name(make_sample: MakeSample) -> None:

@@ -40,8 +40,8 @@ export class Banner {
     fact("fact-age", stale ? `STALE ${ageText(age)}` : ageText(age), stale ? "bad" : "");
     const volts = store?.value("voltage_v");
     say($("fact-battery"), Number.isFinite(volts) ? `${volts.toFixed(1)} V` : "–");
-    say($("fact-deepest"), status?.deepest_m > 0 ? `${status.deepest_m.toFixed(1)} m` : "–");
-    say($("fact-dive"), status?.dive_s > 0 ? durationText(status.dive_s) : "–");
+    say($("fact-deepest"), status?.loop?.deepest_m > 0 ? `${status.loop.deepest_m.toFixed(1)} m` : "–");
+    say($("fact-dive"), status?.loop?.dive_s > 0 ? durationText(status.loop.dive_s) : "–");
     const recorder = status?.recorder;
     const text = !recorder ? "off" : recorder.recording ? `REC ${bytesText(recorder.size_bytes)}` : recorder.said || "stopped";
     fact("fact-recording", text, recorder?.recording ? (recorder.dropped + recorder.lost ? "warn" : "rec") : recorder ? "warn" : "");
