@@ -17,6 +17,7 @@ from rich.table import Table
 from holdfast import DONE, FAILED
 from holdfast.arguments import command_parser
 from lab.demo.dives import (
+    AUTOPILOT,
     NAMES,
     PARTS,
     DemoFigures,
@@ -34,9 +35,9 @@ from lab.study import ruled
 ABOUT = (
     "Shows what each part of Holdfast is worth: a simulated vehicle with a payload skid and weed in a motor "
     "keeps depth and heading in a current and waves, moves half a metre down and up again twice, and a load "
-    "is hung on and dropped. The same dive is run four times, in virtual time: by the control law alone; by "
+    "is hung on and dropped. The same dive is run five times, in virtual time: by the control law alone; by "
     "the law with the observer; by Holdfast, which adds the network; by ArduSub's depth hold, ALT_HOLD, with "
-    "its default gains. With --firmware the dives are on the real ArduSub."
+    "default and with tuned gains. With --firmware the dives are on the real ArduSub."
 )
 EXAMPLES = """\
 examples:
@@ -91,19 +92,22 @@ def _dive_all(story: Story, firmware: Path | None, console: Console) -> dict[str
             return lambda t_s: progress.update(task, completed=t_s)
 
         parts = {name: dive_holdfast(story, part, firmware, begin(name)) for name, part in PARTS.items()}
-        alt_hold = dive_alt_hold(story, parts["holdfast"], firmware, begin("alt_hold"))
-    return {"alt_hold": alt_hold, **parts}
+        stock = {
+            name: dive_alt_hold(story, parts["holdfast"], firmware, begin(name), gains)
+            for name, gains in AUTOPILOT.items()
+        }
+    return {**stock, **parts}
 
 
 def table(results: Mapping[str, DemoFigures], story: Story, *, about_mean: bool) -> Table:
     """Set the dives side by side."""
     about = ", of the depth about their mean" if about_mean else ""
     title = f"Errors, RMS, {story.waves_s:g} to {story.end_s:g} s after arming{about}"
-    headings = ["", "", *(NAMES[name] for name in results)]
-    shown = ruled(title, *headings, left=2, caption="Errors are the simulator's truth.")
+    headings = ["", *("\n".join(NAMES[name].rsplit(" ", 1)) for name in results)]
+    shown = ruled(title, *headings, left=1, caption="Errors are the simulator's truth.")
     every = results.values()
     for phase in story.phases:
-        shown.add_row(f"depth, {phase}", "mm", *(f"{result.phase_rms_mm[phase]:.1f}" for result in every))
+        shown.add_row(f"depth, {phase}, mm", *(f"{result.phase_rms_mm[phase]:.1f}" for result in every))
     for name, unit, field, digits in (
         ("depth, all of these", "mm", "depth_rms_mm", 1),
         ("depth, largest", "mm", "depth_peak_mm", 1),
@@ -111,5 +115,5 @@ def table(results: Mapping[str, DemoFigures], story: Story, *, about_mean: bool)
         ("heave thrust", "N", "thrust_rms_n", 1),
         ("heave chatter", "N/tick", "chatter_n", 2),
     ):
-        shown.add_row(name, unit, *(f"{getattr(result, field):.{digits}f}" for result in every))
+        shown.add_row(f"{name}, {unit}", *(f"{getattr(result, field):.{digits}f}" for result in every))
     return shown

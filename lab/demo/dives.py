@@ -18,7 +18,13 @@ from lab.rivals import alt_hold
 from sim_bridge.firmware.modes import ALT_HOLD
 from sim_bridge.vehicle import Truth
 
-NAMES = {"alt_hold": "ALT_HOLD", "law": "law", "observer": "law + observer", "holdfast": "Holdfast"}
+NAMES = {
+    "alt_hold": "ALT_HOLD",
+    "alt_hold_tuned": "ALT_HOLD, tuned",
+    **{"law": "law", "observer": "law + observer", "holdfast": "Holdfast"},
+}
+AUTOPILOT: dict[str, dict[str, float]] = {"alt_hold": {}, "alt_hold_tuned": alt_hold.TUNED}
+"""The dives of ALT_HOLD, and the parameters that differ from ArduSub's defaults."""
 PARTS = {"law": "none", "observer": "observer", "holdfast": ""}
 """The dives of Holdfast, and their compensators; empty: the shipped one."""
 AXES = ("surge", "sway", "heave", "yaw")
@@ -69,8 +75,10 @@ def dive_holdfast(story: Story, compensator: str, firmware: Path | None, tell: T
     return _since_arming(recorded(steps))
 
 
-def dive_alt_hold(story: Story, model: Dive, firmware: Path | None, tell: Tell) -> Dive:
-    """Dive with ALT_HOLD and its default gains; a ground station sends it the reference depths of `model`."""
+def dive_alt_hold(
+    story: Story, model: Dive, firmware: Path | None, tell: Tell, parameters: dict[str, float]
+) -> Dive:
+    """Dive with ALT_HOLD; a ground station sends it the reference depths of `model`."""
 
     def setpoint(t_s: float) -> Setpoint:
         return story.setpoint(float(np.interp(t_s - alt_hold.ARM_S, model.t_s, model.reference[:, Z])))
@@ -84,7 +92,7 @@ def dive_alt_hold(story: Story, model: Dive, firmware: Path | None, tell: Tell) 
         seed=story.seed,
     )
     dived: list[Truth] = []
-    with closing(alt_hold.truths(scenario, plant, EXACT, {}, firmware)) as truths:
+    with closing(alt_hold.truths(scenario, plant, EXACT, parameters, firmware)) as truths:
         for truth in truths:
             if truth.armed:
                 dived.append(truth)

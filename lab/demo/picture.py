@@ -15,6 +15,7 @@ from lab.style import SMALL
 
 LINES: dict[str, tuple[str, tuple[float, ...]]] = {
     "alt_hold": (style.VERMILLION, (4.0, 1.5)),
+    "alt_hold_tuned": (style.SKY, (2.5, 1.0)),
     "law": (style.ORANGE, (1.2, 1.2)),
     "observer": (style.GREEN, (5.0, 1.2, 1.2, 1.2)),
     "holdfast": (style.BLUE, (1.0, 0.0)),
@@ -43,15 +44,16 @@ def draw(
         _frame(panel, story)
     held = {name: result.depth_rms_mm for name, result in results.items()}
     figure.suptitle(
-        f"Depth error: ALT_HOLD (default gains) {held['alt_hold']:.0f} mm RMS, law {held['law']:.1f}, "
-        f"law + observer {held['observer']:.1f}, Holdfast {held['holdfast']:.1f}\n",
-        fontsize=15,
+        f"Depth error, mm RMS: ALT_HOLD {held['alt_hold']:.0f} (default gains), "
+        f"{held['alt_hold_tuned']:.0f} (tuned), "
+        f"law {held['law']:.1f}, law + observer {held['observer']:.1f}, Holdfast {held['holdfast']:.1f}\n",
+        fontsize=14,
         fontweight="bold",
     )
     figure.text(0.5, 0.955, "\n".join(said), ha="center", va="top", fontsize=11)
     caption = (
         f"{story.words}\nVehicle, water, path and load are the same in each dive, in virtual time with "
-        f"{vehicle}. ALT_HOLD has its default gains and gets the same path."
+        f"{vehicle}. ALT_HOLD gets the same path."
     )
     figure.supxlabel(caption, fontsize=SMALL, color="0.35")
     return figure
@@ -68,20 +70,20 @@ def _depth(panel: Axes, dives: Mapping[str, Dive]) -> None:
 
 
 def _bars(panel: Axes, results: Mapping[str, DemoFigures], story: Story) -> None:
-    """Draw the errors of all four in each phase; the scale is logarithmic, ALT_HOLD's are much larger."""
-    width = 0.2
+    """Draw the errors of all five in each phase; the scale is logarithmic, ALT_HOLD's are much larger."""
+    width = 0.17
     for index, name in enumerate(NAMES):
         values = [results[name].phase_rms_mm[phase] for phase in story.phases]
-        places = np.arange(len(values)) + width * (index - 1.5)
+        places = np.arange(len(values)) + width * (index - 2.0)
         bars = panel.bar(places, values, width, color=LINES[name][0], label=NAMES[name])
         panel.bar_label(bars, fmt="%.1f", fontsize=7)
     panel.set_yscale("log")
-    panel.set_yticks([1, 10, 100], ["1", "10", "100"])
-    panel.set_ylim(1.0, 400.0)
+    panel.set_yticks([1, 10, 100, 1000], ["1", "10", "100", "1000"])
+    panel.set_ylim(1.0, 2000.0)
     panel.set_xticks(range(len(story.phases)), [*story.phases])
     style.name(panel, "Depth error in each phase", "RMS (mm), logarithmic")
     style.plain(panel)
-    panel.legend(frameon=False, loc="upper right", fontsize=SMALL, ncols=4, columnspacing=1.0)
+    panel.legend(frameon=False, loc="upper right", fontsize=SMALL, ncols=3, columnspacing=1.0)
 
 
 def _error(panel: Axes, dives: Mapping[str, Dive], story: Story) -> None:

@@ -25,6 +25,8 @@ TICK_S = 0.02
 ARM_S = 2.6
 HOLD_S = 3.2
 VEHICLE = 1
+TUNED = {"PSC_POSZ_P": 4.951, "PSC_VELZ_P": 8.737, "PSC_ACCZ_P": 2.982, "PSC_ACCZ_I": 0.09086}
+"""Searched with the width and budget of the others on 2026-11-25 (`holdfast lab tune alt_hold`, 65e8a66)."""
 FRAME = mavlink.MAV_FRAME_GLOBAL_INT
 """The frame in which ALT_HOLD takes a target."""
 Z_ONLY = 0b0000_1111_1111_1011

@@ -13,6 +13,7 @@ from types import ModuleType
 
 from companion import registry
 from companion.config import AxisSection, Config
+from lab.rivals import alt_hold
 from lab.study import known
 
 TUNED_FILE = Path(__file__).with_name("tuned.toml")
@@ -85,10 +86,7 @@ RIVALS = ("ppi", "indi", "mpc")
 
 COMPETITORS: Mapping[str, Competitor] = {
     "alt_hold_stock": Competitor("ALT_HOLD, stock", autopilot={}),
-    "alt_hold": Competitor(
-        "ALT_HOLD, tuned",
-        autopilot={"PSC_POSZ_P": 4.951, "PSC_VELZ_P": 8.737, "PSC_ACCZ_P": 2.982, "PSC_ACCZ_I": 0.09086},
-    ),  # searched with the others' width and budget on 2026-11-25 (`holdfast lab tune alt_hold`, 65e8a66)
+    "alt_hold": Competitor("ALT_HOLD, tuned", autopilot=alt_hold.TUNED),
     "law": Competitor("law", compensator="none"),
     **{name: Competitor(f"law + {name}", compensator=name) for name in ("integrator", "network", "observer")},
     "holdfast": Competitor("law + prediction"),
