@@ -63,12 +63,11 @@ class Holding:
 
 @dataclass(frozen=True)
 class Phase:
-    """An engaged interval, or one in `mode` if the dive has none; its end; each axis that was held."""
+    """An engaged interval, or one in `mode` if the dive has none, and each axis that was held."""
 
     mode: str
     begin_s: float
     end_s: float
-    ended: str
     held: list[Holding]
 
 
@@ -99,11 +98,8 @@ def figures(log: Log) -> DiveFigures:
     engaged = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
     phases: list[Phase] = []
     for span in engaged or _modes(log):
-        after = [later for later in log.spans if later.begin_s >= span.end_s] if engaged else []
-        ended = f"{after[0].state}: {after[0].reason}" if after else "the recording, or the mode, ended"
         held = [figure for dof in AXES if (figure := _held(log, span, dof, bool(engaged))) is not None]
-        mode = "Holdfast" if engaged else span.state
-        phases.append(Phase(mode, span.begin_s, span.end_s, ended, held))
+        phases.append(Phase("Holdfast" if engaged else span.state, span.begin_s, span.end_s, held))
     never = [] if engaged else ["it never engaged: errors are about the mean of each flight mode"]
     depth_m = log.keys["state"]["depth_m"]
     return DiveFigures(

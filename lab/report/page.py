@@ -55,7 +55,6 @@ def page(log: Log, figures: DiveFigures, picture: bytes) -> str:
         _folded(f"{len(older)} warnings before the recording began", older) if older else "",
         _image(picture),
         f"<h2>How well it was held</h2>\n{_table(table(figures.columns))}{ERRORS}",
-        *(f"<p>{escape(end)}</p>" for end in _ends(figures)),
         f"<h2>Events</h2>\n{_table(events)}",
         _folded("Configuration", config),
     )
@@ -87,16 +86,11 @@ def table(phases: Mapping[str, Phase]) -> list[list[str]]:
 
 
 def lines(figures: DiveFigures) -> Iterator[str]:
-    """Give warnings, ends of phases, and errors for the terminal."""
+    """Give warnings and errors for the terminal."""
     yield from (f"* {warning}" for warning in figures.warnings)
     if figures.older:
         yield f"* {len(figures.older)} older warnings, from before the recording: on the page"
-    yield from _ends(figures)
     yield from aligned(table(figures.columns))
-
-
-def _ends(figures: DiveFigures) -> list[str]:
-    return [f"{name} ended: {phase.ended}" for name, phase in figures.columns.items()]
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -44,7 +44,7 @@ def test_the_dive_of_the_tutorial(tmp_path: Path) -> None:
                 assert says(output(PAGE, "done by bluerov2: released"), said("release", *here, cwd=tmp_path))
                 until(lambda: "Lost manual control" in log.read_text())
     (file,) = (tmp_path / "dives").glob("*.mcap")
-    assert says(output(PAGE, "phase 1 ended"), said("report", f"dives/{file.name}", cwd=tmp_path))
+    assert says(output(PAGE, "steered by"), said("report", f"dives/{file.name}", cwd=tmp_path))
 
 
 def said(*arguments: str, cwd: Path, status: int = 0) -> str:

@@ -24,7 +24,7 @@ export class Alarm {
   unlock() {
     if (!globalThis.AudioContext) return;
     this.audio ??= new AudioContext();
-    if (this.audio.state !== "running") this.audio.resume().then(() => this.refresh(), () => {});
+    this.audio.resume().then(() => this.refresh(), () => {});
   }
 
   get ready() {
