@@ -11,7 +11,7 @@ from companion.core.bounds import limited, wrap
 from companion.core.compensator import NO_COMPENSATOR, ChosenCompensator, Signals
 from companion.core.four import Four
 from companion.core.law import ChosenLaw, Motion
-from companion.core.oscillation import LOG_GAIN_COUNTS_S, mean_disturbance, scaled_disturbance
+from companion.core.oscillation import mean_disturbance, scaled_disturbance
 from companion.core.predictor import Predicted
 from companion.core.schedule import NO_GAINS, Gains, ScheduledGains, scheduled
 from companion.records import DofSample, Flags, Setpoint, Vector
@@ -205,16 +205,9 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
 
 def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s: float) -> oscillation.State:
     """Look for an oscillation of the loop's own."""
-    believed_s = at.ahead.delay_s + LOG_GAIN_COUNTS_S * math.log(at.gain[i])
     # A weak vehicle is asked for more, to move as much: that is no oscillation.
-    return oscillation.step(
-        axis.oscillation,
-        memory.oscillation,
-        tau * min(at.gain[i], 1.0),
-        dt_s,
-        believed_s,
-        at.orders.watched,
-    )
+    demand = tau * min(at.gain[i], 1.0)
+    return oscillation.step(axis.oscillation, memory.oscillation, demand, dt_s, at.orders.watched)
 
 
 def sampled(

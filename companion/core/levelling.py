@@ -188,7 +188,7 @@ def step(
     integral, seen, lever = state.integral, state.oscillation, state.lever
     if turn.learns:
         integral += INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
-        seen = oscillation.step(levelling.oscillation, seen, feedback, dt_s, 0.0)
+        seen = oscillation.step(levelling.oscillation, seen, feedback, dt_s)
     lever_m = lever_in_use_m(levelling, state, response.adapts)
     moment = lever_m * turn.force + feedback - inertia * integral + turn.moment
     if not abs(moment) <= levelling.max_moment_nm:

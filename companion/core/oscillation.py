@@ -5,7 +5,7 @@ path, and the oscillation does not die away. So a limit cycle is demand that is 
 whose RMS exceeds a share of the largest force for longer than any transient lasts. Engaging, a load or a
 setpoint ring for a second at most, with far less than the largest force: a larger demand counts for longer.
 The gains then shrink until the limit cycle has ended. They come back slowly, and stop below the value at
-which it began, so that they do not hunt. They come back whole where its cause was a delay that is now known.
+which it began, so that they do not hunt.
 """
 
 import math
@@ -19,7 +19,7 @@ limit cycle."""
 
 FIRST_SCALES = (1.0, 1.0, 0.5, 1.0)
 """Control begins with this share of the gains of surge, sway, heave and yaw. With full gains in heave a
-buoyant vehicle of unknown thrust may oscillate (decision 46)."""
+vertical motor that is reversed tilts the vehicle further before it is found (decision 46)."""
 
 LEVELLING_SHARE = 0.06
 """Share of the largest moment of roll and pitch."""
@@ -29,9 +29,8 @@ MEMORY_S = 0.2
 TRANSIENT_S, AGAIN_S = 1.1, 0.4
 """It lasts longer than any transient: the first time, and where one has just been."""
 
-SWINGS, CONFIRMING_SWINGS = 2, 4
-"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom. A cycle
-that goes on until it has changed so often confirms itself."""
+SWINGS = 2
+"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom."""
 
 VIOLENT = 12.0
 """Times the limit's mean square: more is no transient. Its time counts share / VIOLENT times, and it
@@ -54,12 +53,6 @@ RELAPSE_SHARE = 0.7
 
 FORGET_S = 600.0
 """Beyond that they come back as slowly as this, from nothing to all of them."""
-
-EXPLAINED_S = 0.02
-"""A delay believed so much longer than when the cycle began explains it: the gains allow for it now."""
-
-LOG_GAIN_COUNTS_S = 0.1
-"""A vehicle believed stronger explains a cycle as well: its log gain counts as so much delay."""
 
 MEAN_S = 1.0
 
@@ -88,8 +81,6 @@ class State(NamedTuple):
     power: float
     """Mean square of the rest."""
     lasts_s: float
-    delay_s: float
-    """What the loop's delay was believed to be when the last cycle began; infinite without one."""
     ended_s: float
     """How long ago the last cycle ended."""
     fast: float
@@ -104,17 +95,12 @@ class State(NamedTuple):
     """So many swings in a row before that were quick and beyond the limit."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, math.inf, 0.0, 0, 0.0, 0.0, 0)
+START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0, 0, 0.0, 0.0, 0)
 """Full gains, and nothing seen yet."""
 
 
-def step(
-    parameters: Parameters, state: State, tau: float, dt_s: float, delay_s: float, full: bool = True
-) -> State:
-    """Take one tick's demand, and the delay that the gains allow for.
-
-    Without `full` authority only quick swings are a cycle.
-    """
+def step(parameters: Parameters, state: State, tau: float, dt_s: float, full: bool = True) -> State:
+    """Take one tick's demand; without `full` authority only quick swings are a cycle."""
     tau = limited(tau, parameters.max_force)
     slow = tau if math.isnan(state.slow) else state.slow
     slow = slow + (tau - slow) * (1.0 - math.exp(-dt_s / HIGH_PASS_S))
@@ -127,7 +113,7 @@ def step(
     if quick >= QUICK_SWINGS - 1 and peak > parameters.limit:
         scale = clamped(QUICK_LEAVES * state.gain_scale, parameters.least, 1.0)
         ceiling = clamped(RELAPSE_SHARE * state.ceiling, parameters.least, 1.0)
-        return State(scale, ceiling, slow, 0.0, 0.0, delay_s, 0.0, fast, 0, swing_s, peak, 0)
+        return State(scale, ceiling, slow, 0.0, 0.0, 0.0, fast, 0, swing_s, peak, 0)
     state = state._replace(slow=slow, swing_s=swing_s, peak=peak, quick=quick)
     if not full:
         return state._replace(fast=fast)
@@ -141,19 +127,14 @@ def step(
     goes_on = state.ended_s == 0.0
     cycles = (goes_on or swings >= SWINGS or violent) and lasts_s > (AGAIN_S if known else TRANSIENT_S)
     if cycles and not goes_on:
-        began_s = delay_s
         ceiling = RELAPSE_SHARE * state.gain_scale if known or violent else 1.0
-    elif cycles and swings >= CONFIRMING_SWINGS and state.ceiling == 1.0:
-        began_s, ceiling = state.delay_s, RELAPSE_SHARE
-    elif delay_s > state.delay_s + EXPLAINED_S:
-        began_s, ceiling = math.inf, 1.0
     else:
-        began_s, ceiling = state.delay_s, state.ceiling + dt_s / FORGET_S
+        ceiling = state.ceiling + dt_s / FORGET_S
     scale = state.gain_scale * math.exp(-dt_s / SHRINK_S) if cycles else state.gain_scale + dt_s / RECOVER_S
     ceiling = clamped(ceiling, parameters.least, 1.0)
     ended_s = 0.0 if cycles else state.ended_s + dt_s
     scale = clamped(scale, parameters.least, ceiling)
-    return State(scale, ceiling, slow, power, lasts_s, began_s, ended_s, fast, swings, swing_s, peak, quick)
+    return State(scale, ceiling, slow, power, lasts_s, ended_s, fast, swings, swing_s, peak, quick)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

@@ -159,7 +159,7 @@ def test_holds(name: str) -> None:
 
 @pytest.mark.parametrize("seed", [905, 908])
 def test_a_vehicle_of_the_ensemble_is_engaged_without_a_cycle_and_held(seed: int) -> None:
-    """It floats up, weak and its thrusters late, which nobody knows yet: whole gains asked for 90 N."""
+    """It floats up, weak and its thrusters late, which nobody knows yet: whole gains asked for 68 N."""
     scenario = replace(four(seed)[3], duration_s=SETTLE_S + 10.0)
     recorded = dive(scenario, load_config(), load_plant(HEAVY), LinkDelay())
     assert recorded.active[recorded.t_s > SETTLE_S].all()

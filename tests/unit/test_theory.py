@@ -28,10 +28,9 @@ SENTENCES = (
     f"| {oscillation.QUICK_SWINGS}; {oscillation.QUICK_S:g} s; {oscillation.QUICK_LEAVES:g} |",
     f"time constant; least value | {oscillation.SHRINK_S:g} s; {least:g} |",
     f"s then returns to 1 | in {oscillation.RECOVER_S:g} s |",
-    f"above {math.sqrt(oscillation.VIOLENT):.1f} times the share, or a second one "
-    f"| {oscillation.CONFIRMING_SWINGS} times; within {oscillation.CONFIRMED_S:g} s |",
+    f"an RMS above {math.sqrt(oscillation.VIOLENT):.1f} times the share confirms a limit cycle, "
+    f"or a second one | within {oscillation.CONFIRMED_S:g} s |",
     f"then grows | {oscillation.RELAPSE_SHARE:g}; by {60.0 / oscillation.FORGET_S:g} a minute |",
-    f"s returns to 1 | {1e3 * oscillation.EXPLAINED_S:g} ms longer |",
     f"s^{schedule.LAMBDA_POWER:g}, s^{schedule.KAPPA_POWER:g}, s² |",
     f"its difference from the mean over {oscillation.MEAN_S:g} s, by s² |",
     f"with λ + κ = {sum_per_s:.1f}/s in heave",
