@@ -96,10 +96,9 @@ BY_A_PERSON = tuple(
         Condition.OPERATOR_STOP,
         Condition.PILOT_TAKEOVER,
         Condition.WRONG_MODE,
-        Condition.DISARMED,
     )
 )
-"""Reasons why control ends that a person meant."""
+"""Reasons why control ends that a person meant. An autopilot disarms by itself, too."""
 
 Details = Mapping[Condition, tuple[str, str]]
 """What is found of a condition now, and a remedy in place of the usual one; either may be empty."""

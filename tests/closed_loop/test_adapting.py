@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from companion.config import load_config
 from companion.records import Z
 from lab.loop.dive import engaging
+from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import water
 from lab.studies import corners
 from lab.studies.corners import Cell, dive
@@ -53,3 +54,16 @@ def test_a_heavy_and_late_vehicle_is_known_after_its_first_approach_and_follows_
     assert steps[-1].sample.state.delays.hidden_s < 0.02
     error_m = np.array([step.truth.eta[Z] - step.sample.dofs.x_d[Z] for step in steps if step.t_s > 25.0])
     assert 1e3 * error_m.std() < 8.5
+
+
+def test_waves_of_the_paths_own_period_are_not_taken_for_inertia() -> None:
+    """The nominal vehicle's gain is 0.89; with the answer to waves counted as a push it was taken for 0.51."""
+    plant = water(BASE, depth_m=DEPTH_M, dvl=False, waves_m=0.3, period_s=6.0)
+    used = []
+    for seed in (1, 2):
+        with engaging(load_config(), plant, path(0.0), seed, link=LinkDelay()) as loop:
+            steps = list(loop.run(85.0, path))
+        model = steps[-1].sample.state.model
+        assert model is not None
+        used.append(model.gain[Z])
+    assert np.mean(used) > 0.65

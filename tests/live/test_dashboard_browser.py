@@ -463,7 +463,7 @@ def test_an_alarm_is_heard_and_felt_when_control_ends_without_the_pilot(
         ("RAMP_DOWN", "the operator released the vehicle", False),
         ("PILOT", "the pilot steers", False),
         ("PILOT", "the flight mode is not the one for steering", False),
-        ("IDLE", "the vehicle is disarmed", False),
+        ("IDLE", "the vehicle is disarmed", True),
         ("RAMP_DOWN", "no heartbeat of the ground station", True),
         ("HAND_OVER", "a leak detector is wet", True),
         ("FAULT", "the vehicle is not heard", True),
