@@ -32,6 +32,7 @@ from companion.core.tilt import (
 )
 from companion.estimation.estimator import Estimator
 from companion.estimation.observer_design import disturbance_lag_s, hidden_delay_parameters, model_tables
+from companion.estimation.surroundings import Surroundings
 from companion.records import AXES, PSI, vector
 from companion.registry import LYAPUNOV, OBSERVER, PREDICTED, Compensator, Law
 from companion.supervision.guard import Envelope
@@ -88,8 +89,13 @@ def gains(config: Config, axis: AxisSection) -> Gains:
 
 
 def estimator(config: Config) -> Estimator:
-    """Return what knows where the vehicle is."""
-    return Estimator(config, model(config), thrusters(config))
+    """Return what takes in a tick's events."""
+    return Estimator(config, thrusters(config))
+
+
+def surroundings(config: Config) -> Surroundings:
+    """Return what finds ground, current and heading."""
+    return Surroundings(config, model(config))
 
 
 def observers(config: Config) -> Observers:

@@ -11,9 +11,10 @@ from companion.core import attitude, observers, tick
 from companion.core.actuation import FULL, NONE
 from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
 from companion.core.controller import Samples
-from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.core.tick import Demand, Known, Memory
+from companion.estimation.belief import believed
+from companion.estimation.estimator import Sensed
 from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
@@ -109,7 +110,7 @@ class Engine:
         self._tick_s = 1.0 / config.loop.rate_hz
         self._autopilot = autopilot = Autopilot(config, signing)
         self.heard, self.sender, self.hello = autopilot.heard, autopilot.sender, autopilot.hello
-        self._estimator = assembly.estimator(config)
+        self._estimator, self._surroundings = assembly.estimator(config), assembly.surroundings(config)
         self._fitness = Fitness(autopilot)
         self._supervision = Supervision(config, autopilot.parameters, arm=arm)
         self.refusal = self._supervision.engagement.refusal
@@ -141,16 +142,10 @@ class Engine:
         to the law's, N and N·m, to identify the vehicle.
         """
         heard = self._receive(now_s, datagrams, ground, requests, loop)
-        memory, inputs = self._estimate(heard)
-        memory, known = tick.observe(self.parameters, memory, inputs)
-        state = self._estimator.update(
-            inputs,
-            known.motion,
-            known.model,
-            known.dead_motor,
-            known.reversed_motor,
-            memory.actuated.delivered,
-        )
+        sensed = self._sense(heard)
+        memory = self._remembered(heard, sensed)
+        memory, known = tick.observe(self.parameters, memory, sensed.inputs)
+        state = self._believe(sensed, memory, known)
         demanded = self._guidance.pilot_demand(state, heard.dt_s, heard.reports)
         requests, refused = self._asked(heard, state, demanded)
         verdict, permission = self._permit(heard, memory, known, state, demanded, requests)
@@ -274,10 +269,10 @@ class Engine:
             last = None if self.last is None else self.last.demand
             self.memory = tick.retuned(self.parameters, parameters, self.memory, last)
             self.parameters = parameters
-            self._estimator.retune(config, parameters.control.model)
+            self._surroundings.retune(config, parameters.control.model)
             self._noise, self._redesign = noise_of(measured), None
         self._supervision.retune(config, changed=bool(changed))
-        self._estimator.limit(config.supervisor)
+        self._estimator.retune(config)
         self._guidance.retune(config)
         self._config = config
 
@@ -311,29 +306,51 @@ class Engine:
         """Turn what arrived into events, the vehicle's first."""
         dt_s = self._tick_s if self.last is None else now_s - self.last.heard.now_s
         events = self._autopilot.receive(datagrams, ground)
+        accepted = self._supervision.engagement.accepted(requests)
+        if Request.ENGAGE in accepted:
+            self._surroundings.trust_heading()
         return Heard(
             now_s=now_s,
             dt_s=dt_s,
             control_dt_s=min(max(dt_s, 0.0), MAX_DT_TICKS * self._tick_s),
             events=events,
             reports=[event for event in events if type(event) not in SAMPLES],
-            requests=self._supervision.engagement.accepted(requests),
+            requests=accepted,
             loop=loop,
         )
 
-    def _estimate(self, heard: Heard) -> tuple[Memory, Inputs]:
-        """Return what the observers take, and the memory from which they go on."""
-        self._follow_noise()
-        observed, inputs = self._estimator.take(
-            heard.now_s, heard.events, self.memory.observed, self._learns(), held=self._guidance.engaged[X]
+    def _sense(self, heard: Heard) -> Sensed:
+        """Return all that the events say."""
+        expected = observers.outlook(self.memory.observed)
+        if self.last is not None and not self.last.demand.finite:
+            expected = expected._replace(believable=False)
+        return self._estimator.take(
+            heard.now_s,
+            heard.events,
+            expected,
+            self._learns(),
+            drift=self._surroundings.drift,
+            held=self._guidance.engaged[X],
         )
-        if Request.ENGAGE in heard.requests:
-            self._estimator.trust_heading()
+
+    def _remembered(self, heard: Heard, sensed: Sensed) -> Memory:
+        """Return the memory from which this tick goes on, with gains for the noise that is there."""
+        self._follow_noise()
+        observed = self.memory.observed
+        if sensed.restarted:
+            observed = observers.restarted(observed)
         if Request.RESET_MODEL in heard.requests:
             observed = observers.forgotten(self.parameters.observers, observed)
         if Condition.HEADING_WRONG in self.verdict.warnings:
             observed = observers.place_forgotten(self.parameters.observers, observed)
-        return self.memory._replace(observed=observed), inputs
+        return self.memory._replace(observed=observed)
+
+    def _believe(self, sensed: Sensed, memory: Memory, known: Known) -> VehicleState:
+        """Return all that is believed of the vehicle and what is around it."""
+        motion, model, dead, turned = known.motion, known.model, known.dead_motor, known.reversed_motor
+        delivered, whole = memory.actuated.delivered, dead + turned == 0
+        around = self._surroundings.step(sensed, motion, model, delivered, whole=whole)
+        return believed(sensed, motion, around, model, dead, turned)
 
     def _learns(self) -> Flags:
         """Tell by axis whether what moves the vehicle was our command alone."""
@@ -454,7 +471,6 @@ class Engine:
 
     def _without_motion(self, memory: Memory) -> Memory:
         """Begin again after a number that is not finite: this tick sent neutral, and the next one faults."""
-        self._estimator.restart()
         return memory._replace(actuated=memory.actuated._replace(pace=FULL))
 
     def _record(self, done: Tick, refused: str) -> ControlSample:

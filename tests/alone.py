@@ -12,6 +12,7 @@ from companion.core.actuation import NONE
 from companion.core.axis import Ahead, Orders
 from companion.core.observer import Push, Sample
 from companion.core.positioning import jacobian
+from companion.estimation.belief import believed
 from companion.records import PSI, ZERO, Condition, DofSample, State, Verdict, vector
 
 ALL = (True,) * 4
@@ -76,14 +77,17 @@ class Estimate:
     """The estimator and its observers."""
 
     def __init__(self, config):
-        self.shell = assembly.estimator(config)
+        self.shell, self.around = assembly.estimator(config), assembly.surroundings(config)
         self.observers = assembly.observers(config)
         self.memory = observers.start(self.observers)
 
     def step(self, now_s, events):
-        memory, inputs = self.shell.take(now_s, events, self.memory)
-        self.memory, motion = observers.step(self.observers, memory, inputs)
-        return self.shell.update(inputs, motion, self.memory.learner.model, 0)
+        sensed = self.shell.take(now_s, events, observers.outlook(self.memory))
+        if sensed.restarted:
+            self.memory = observers.restarted(self.memory)
+        self.memory, motion = observers.step(self.observers, self.memory, sensed.inputs)
+        model = self.memory.learner.model
+        return believed(sensed, motion, self.around.step(sensed, motion, model), model)
 
     def sent(self, now_s, axes, tau_ned):
         self.shell.sent(now_s, axes)

@@ -133,6 +133,16 @@ class Inputs(NamedTuple):
     voltage_v: float
 
 
+class Outlook(NamedTuple):
+    """What the observers expect of the samples of a tick."""
+
+    depth_m: float
+    sink_mps: float
+    hidden_s: float
+    believable: bool
+    """Whether all estimates are finite, and have not diverged."""
+
+
 class Motion(NamedTuple):
     """Pose and rate now, both `ahead_s` later, the disturbance, and the newest innovation; NED, ψ wrapped."""
 
@@ -183,6 +193,13 @@ def start(observers: Observers) -> ObserversMemory:
         learner=model_learner.start(observers.tables, observers.lag_s),
         commands=command_history.start(),
     )
+
+
+def outlook(memory: ObserversMemory) -> Outlook:
+    """Return what the next samples should show."""
+    depth_m, sink_mps = observer.expected(memory.dofs[Z].state)
+    believable = all(map(is_believable, [dof.state for dof in memory.dofs]))
+    return Outlook(depth_m, sink_mps, memory.hidden.hidden_s, believable)
 
 
 def restarted(memory: ObserversMemory) -> ObserversMemory:

@@ -1,4 +1,4 @@
-"""Events to what the observers take, and what they find to VehicleState: an age for every signal.
+"""Events to what a tick takes: every sample, range and rate, and an age for every signal.
 
 A sample counts for the time at which it was true: the autopilot's stamp (or arrival minus the measured
 telemetry delay, where a message has none) minus the sensor's own delay.
@@ -8,21 +8,18 @@ import cmath
 import math
 from collections.abc import Sequence
 from operator import add
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from companion.config import Config, SupervisorLimits
-from companion.core import observer, observers
+from companion.config import Config
 from companion.core.actuation import NONE
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
 from companion.core.attitude import angle_rates
-from companion.core.observers import MAX_GAP_S, Inputs, Motion, ObserversMemory
-from companion.core.positioning import Model
+from companion.core.observers import MAX_GAP_S, Inputs, Outlook
 from companion.estimation.answers import AttitudeAnswers, DepthAnswers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
-from companion.estimation.ground import Grounds
-from companion.estimation.heading_watch import HeadingWatch
 from companion.estimation.observer_design import noise_of
 from companion.estimation.resets import (
     POSITION_WARNED_M,
@@ -32,23 +29,15 @@ from companion.estimation.resets import (
     yaw_resets,
 )
 from companion.estimation.sample_meter import RAW_LATER_S, SampleMeter
-from companion.estimation.water import Water
 from companion.mavlink.ardusub import motor_demand
 from companion.records import (
     DOFS,
     PSI,
-    ZERO,
     Ages,
-    Current,
     Delays,
     Event,
     Flags,
-    FrameShift,
-    Ground,
-    HeadingCheck,
     Vector,
-    VehicleModel,
-    VehicleState,
     X,
     Y,
     Z,
@@ -70,10 +59,37 @@ NOTHING = (math.nan, math.nan)
 """No value, of no time."""
 
 
-class Estimator:
-    """What is known of the vehicle: `take` begins a tick, `update` says what came of it, `sent` ends it."""
+class Sensed(NamedTuple):
+    """All that came of a tick's events."""
 
-    def __init__(self, config: Config, model: Model, thrusters: Thrusters) -> None:
+    inputs: Inputs
+    restarted: bool
+    """Whether nothing that was known of the motion counts any more."""
+    held: bool
+    """Whether a place is held."""
+    ranges: tuple[events.Range, ...]
+    heartbeat: events.Heartbeat
+    pilot_gain: float
+    boot_s: float
+    delays: Delays
+    ages: Ages
+    shifted: Vector
+    """What the autopilot's estimate was reset by."""
+    reset_by: Vector
+    """How much of that counts as innovation."""
+    depth_refused: bool
+    depth_doubt: str
+    attitude_doubt: str
+    clock_doubt_s: float
+    depth_offset_m: float
+    still: tuple[float, float]
+    """Velocity inside, north and east, of what rests in the EKF's frame."""
+
+
+class Estimator:
+    """What is known of clock, delays, resets, frame and meters: `take` begins a tick, `sent` ends it."""
+
+    def __init__(self, config: Config, thrusters: Thrusters) -> None:
         self._thrusters = thrusters
         self._delays = config.delays
         self._lead_s = config.thrusters.lead_s
@@ -84,46 +100,37 @@ class Estimator:
         self.frame = Frame()
         """Where the EKF's frame lies, as seen from the one in which states and the observers' memory are."""
         self._held = False
-        self.limit(config.supervisor)
-        self.retune(config, model)
+        self.retune(config)
         self._heartbeat = events.Heartbeat(-math.inf, armed=False, mode=-1, system_status=0)
         self._voltage_v = T200_VOLTAGE_V
         self._gain = 1.0
         self._armed_t_s = -math.inf
         self._came_s = dict.fromkeys(("link_s", "heartbeat_s", "pilot_s"), -math.inf)
         """When what has no sample came last, by the name of its age."""
-        self.restart()
+        self._restart()
 
-    def retune(self, config: Config, model: Model) -> None:
-        """Go on from the present estimate with another model, other noises and sensor delays."""
+    def retune(self, config: Config) -> None:
+        """Go on from the present estimate with other noises, sensor delays and limits of jumps and ages."""
         self._sensor_delay_s = vector([axis.sensor_delay_s for axis in config.axes])
-        self._model = model
         configured = noise_of(config)
         if configured != self._configured:
             self._configured = configured
             self._depths = SampleMeter(configured[0], self._depth_later_s, angular=False)
             self._headings = SampleMeter(configured[1], 0.0, angular=True)
-
-    def limit(self, limits: SupervisorLimits) -> None:
-        """Take what the supervisor's configuration says of jumps and ages."""
+        limits = config.supervisor
         self.max_depth_jump_m = limits.max_depth_jump_m
         position_s = limits.position_timeout_s
         self._believed_s = max(JUMP_BELIEVED_S, 2.0 * limits.link_timeout_s)
         self._timeout_s = (position_s, position_s, limits.depth_timeout_s, limits.attitude_timeout_s)
 
-    def restart(self) -> None:
-        """Forget the motion, the clocks and the commands: a rebooted autopilot, or numbers gone bad."""
+    def _restart(self) -> None:
+        """Forget motion and clocks: a rebooted autopilot, or numbers gone bad."""
         self._meter = DelayMeter(self._delays.telemetry_s, self._delays.command_s)
         self._attitude = events.Attitude(-math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._measured_t_s = [-math.inf] * len(DOFS)
         self._expected_depth_m = self._expected_sink_mps = 0.0
         self._sink_mps, self._sink_t_s = 0.0, -math.inf
         self._begin()
-        self._restarted = True
-        self._ground = Grounds(self._delays.range_s)
-        self._ranges: list[events.Range] = []
-        self._water = Water()
-        self._heading_watch = HeadingWatch()
         self._yaw_resets, self._x_resets, self._y_resets = yaw_resets(), position_resets(), position_resets()
         self._depth_resets, self._depth_spikes = DepthResets(), Spikes()
         self._begins_depth = False
@@ -135,41 +142,65 @@ class Estimator:
         self._positions, self._rates = [NOTHING] * len(DOFS), [NOTHING] * len(DOFS)
         self._begins = [math.nan] * len(DOFS)
         self._shifted, self._reset_by = [0.0] * len(DOFS), [0.0] * len(DOFS)
+        self._ranges: list[events.Range] = []
         self._depth_refused = False
 
     def take(
         self,
         now_s: float,
         heard: Sequence[Event],
-        memory: ObserversMemory,
+        expected: Outlook,
         learns: Flags = NONE,
         *,
+        drift: complex = 0j,
         held: bool = False,
-    ) -> tuple[ObserversMemory, Inputs]:
-        """Take in what came since the last tick; return what the observers take.
+    ) -> Sensed:
+        """Take in what came since the last tick.
 
-        Their memory is forgotten where the autopilot booted. `learns` tells by axis whether our commands
-        alone moved the vehicle, `held` whether a place is held.
+        Args:
+            now_s: monotonic.
+            heard: the events.
+            expected: what the observers expect.
+            learns: by axis, whether our commands alone moved the vehicle.
+            drift: of the EKF's velocity, m/s, as the water shows it: north + i east.
+            held: whether a place is held.
+
         """
-        if not all(map(observers.is_believable, [dof.state for dof in memory.dofs])):
-            self.restart()
-        drift = self._water.drift if self.frame.has_fixes(now_s) else 0j
+        restarted, hidden_s = not expected.believable, expected.hidden_s
+        if restarted:
+            self._restart()
+        drift = drift if self.frame.has_fixes(now_s) and not restarted else 0j
         drift *= cmath.exp(1j * self.frame.settled.turn_rad)
         self._held, self.frame = held, self.frame.followed(self._tick_s, drift, held=held)
-        self._expected_depth_m, self._expected_sink_mps = observer.expected(memory.dofs[Z].state)
+        self._expected_depth_m, self._expected_sink_mps = expected.depth_m, expected.sink_mps
         self._begin()
-        self._hidden_s = memory.hidden.hidden_s
+        self._hidden_s = hidden_s
         for event in heard:
             self._take(event)
-        delays = self._meter.delays
-        if not math.isfinite(delays.total_s + self._hidden_s):
-            self.restart()
-            delays, self._hidden_s = self._meter.delays, 0.0
-        self._loop_delays = replace(delays, hidden_s=self._hidden_s)
-        if self._restarted:
-            memory = observers.restarted(memory)
-            self._restarted = False
-        return memory, self._inputs(now_s, delays, learns)
+            restarted |= isinstance(event, events.Reboot)
+        if not math.isfinite(self._meter.delays.total_s + hidden_s):
+            self._restart()
+            restarted, hidden_s = True, 0.0
+        delays, clock = self._meter.delays, self._meter.clock
+        return Sensed(
+            inputs=self._inputs(now_s, delays, learns),
+            restarted=restarted,
+            held=held,
+            ranges=tuple(self._ranges),
+            heartbeat=self._heartbeat,
+            pilot_gain=self._gain,
+            boot_s=now_s + clock.offset_s,
+            delays=replace(delays, hidden_s=hidden_s),
+            ages=self._ages(now_s),
+            shifted=vector(self._shifted),
+            reset_by=vector(self._reset_by),
+            depth_refused=self._depth_refused,
+            depth_doubt=self._depth_doubt,
+            attitude_doubt=self._attitude_doubt,
+            clock_doubt_s=clock.doubt_s(now_s),
+            depth_offset_m=self.frame.sunk_m,
+            still=self.frame.velocity_inside(0.0, 0.0),
+        )
 
     def _inputs(self, now_s: float, delays: Delays, learns: Flags) -> Inputs:
         attitude, timeout_s = self._attitude, self._timeout_s
@@ -190,58 +221,6 @@ class Estimator:
             voltage_v=self._voltage_v,
         )
 
-    def update(
-        self,
-        inputs: Inputs,
-        motion: Motion,
-        model: VehicleModel,
-        dead_motor: int = 0,
-        reversed_motor: int = 0,
-        delivered: Vector = ZERO,
-    ) -> VehicleState:
-        """Advance what finds ground, current and heading; return all that is known of the vehicle.
-
-        `delivered` is the body wrench of the last command, N and N·m.
-        """
-        now_s, attitude, turning = inputs.now_s, self._attitude, not inputs.stale[PSI]
-        return VehicleState(
-            t_s=now_s,
-            boot_s=now_s + self._meter.clock.offset_s,
-            eta=motion.eta,
-            eta_dot=motion.eta_dot,
-            ahead_s=inputs.ahead_s,
-            eta_ahead=motion.eta_ahead,
-            eta_dot_ahead=motion.eta_dot_ahead,
-            disturbance=motion.disturbance,
-            roll=attitude.roll,
-            pitch=attitude.pitch,
-            p=attitude.p if turning else 0.0,
-            q=attitude.q if turning else 0.0,
-            armed=self._heartbeat.armed,
-            mode=self._heartbeat.mode,
-            system_status=self._heartbeat.system_status,
-            voltage_v=self._voltage_v,
-            pilot_gain=self._gain,
-            ages=self._ages(now_s),
-            delays=self._loop_delays,
-            innovation=vector(map(add, motion.innovation, self._reset_by)),
-            depth_refused=self._depth_refused,
-            depth_doubt=self._depth_doubt,
-            attitude_doubt=self._attitude_doubt,
-            clock_doubt_s=self._meter.clock.doubt_s(now_s),
-            frame_shift=FrameShift(self._shifted[PSI], *self._shifted[:PSI]) if any(self._shifted) else None,
-            depth_offset_m=self.frame.sunk_m,
-            stale=inputs.stale,
-            dead_motor=dead_motor,
-            reversed_motor=reversed_motor,
-            model=model,
-            ground=self._find_ground(inputs, motion.eta[Z]),
-            current=self._find_current(inputs, motion, model),
-            heading_check=self._check_heading(
-                inputs, motion.eta[PSI], delivered, model, dead_motor + reversed_motor == 0
-            ),
-        )
-
     def _ages(self, now_s: float) -> Ages:
         return Ages(
             depth_s=now_s - self._measured_t_s[Z],
@@ -250,40 +229,10 @@ class Estimator:
             **{name: now_s - t_s for name, t_s in self._came_s.items()},
         )
 
-    def _find_ground(self, inputs: Inputs, depth_m: float) -> Ground:
-        roll, pitch, *_ = inputs.attitude
-        known = not (inputs.stale[PSI] or inputs.stale[Z])
-        tilt_cos = math.cos(roll) * math.cos(pitch) if known else math.nan
-        ranges, self._ranges = self._ranges, []
-        return self._ground.step(inputs.now_s, ranges, depth_m, tilt_cos, inputs.telemetry_s)
-
-    def _find_current(self, inputs: Inputs, motion: Motion, model: VehicleModel) -> Current:
-        stale, learns = inputs.stale, inputs.learns
-        seen = learns[X] and learns[Y] and not (stale[X] or stale[Y] or stale[PSI])
-        still = self.frame.velocity_inside(0.0, 0.0)
-        return self._water.step(self._model, motion, model.dof_gain, self._tick_s, seen, still)
-
-    def _check_heading(
-        self, inputs: Inputs, heading: float, delivered: Vector, model: VehicleModel, all_motors: bool
-    ) -> HeadingCheck:
-        stale, watch, tick_s = inputs.stale, self._heading_watch, self._tick_s
-        turns = inputs.learns[PSI] and not stale[PSI]
-        *_, rate = angle_rates(*inputs.attitude)
-        watch.turn(self._positions[PSI][0], rate, tick_s, turns)
-        pushes = self._held and all_motors and not (stale[X] or stale[Y] or stale[PSI])
-        velocity = complex(self._rates[X][0], self._rates[Y][0])
-        delay_s = self._loop_delays.total_s + self._sensor_delay_s[X]
-        watch.push(velocity, heading, delivered, self._model, model, delay_s, tick_s, pushes)
-        return watch.check
-
     @property
     def noise(self) -> tuple[float, float]:
         """The white noise of depth (m) and heading (rad) that they show, at least the configured one."""
         return self._depths.noise, self._headings.noise
-
-    def trust_heading(self) -> None:
-        """Forget what was reported of the heading: the operator engages again."""
-        self._heading_watch.restart()
 
     def sent(self, now_s: float, axes: Vector) -> None:
         """Note the axes that were sent."""
@@ -317,7 +266,7 @@ class Estimator:
                 self._gain = event.gain
             case events.Reboot():
                 self.frame = self.frame._replace(sunk_m=0.0)
-                self.restart()
+                self._restart()
             case events.PilotHeartbeat():
                 self._came_s["pilot_s"] = event.t_s
                 return

@@ -12,6 +12,7 @@ from companion import assembly
 from companion.config import Config, GroundStation
 from companion.core import observers
 from companion.core.actuation import NONE
+from companion.estimation.belief import believed
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.signing import Signing
 from companion.predive import directions
@@ -62,7 +63,7 @@ class Inspection:
         self.heard = self._autopilot.heard
         self.sender, self.hello = self._autopilot.sender, self._autopilot.hello
         """For a link that listens (`Autopilot`)."""
-        self._estimator = assembly.estimator(config)
+        self._estimator, self._surroundings = assembly.estimator(config), assembly.surroundings(config)
         self._observers = assembly.observers(config)
         self._observed = observers.start(self._observers)
         self._survey = Survey(self._autopilot)
@@ -85,9 +86,12 @@ class Inspection:
         """Advance one tick: take what arrived (monotonic ns, bytes), return what to send."""
         self._now_s = now_s
         self._events = self._autopilot.receive(datagrams)
-        observed, inputs = self._estimator.take(now_s, self._events, self._observed)
-        self._observed, motion = observers.step(self._observers, observed, inputs)
-        self._seen = self._estimator.update(inputs, motion, self._observed.learner.model)
+        sensed = self._estimator.take(now_s, self._events, observers.outlook(self._observed))
+        if sensed.restarted:
+            self._observed = observers.restarted(self._observed)
+        self._observed, motion = observers.step(self._observers, self._observed, sensed.inputs)
+        model = self._observed.learner.model
+        self._seen = believed(sensed, motion, self._surroundings.step(sensed, motion, model), model)
         self._survey.take(self._events)
         observation = Observation(
             state=self._seen,
