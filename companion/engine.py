@@ -12,10 +12,9 @@ from companion.core.actuation import FULL, NONE
 from companion.core.allocation import HORIZONTAL, ByAxis, can_lose, reserve
 from companion.core.controller import Samples
 from companion.core.permission import Permission, Wanted
-from companion.core.tick import Demand, Known, Memory
+from companion.core.tick import Demand, Known, Memory, Parameters
 from companion.estimation.belief import believed
 from companion.estimation.estimator import Sensed
-from companion.estimation.observer_design import noise_of, tables_in_steps, with_noise
 from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
@@ -49,16 +48,14 @@ from companion.records import (
     Verdict,
     X,
 )
-from companion.steps import Steps, Task
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
 from companion.supervision.supervision import Supervision
 from companion.telemetry import schemas
 from companion.telemetry.glossary import Details
+from companion.tuning import Tuning
 
 MAX_DT_TICKS = 3.0
-REDESIGN_COST = 16
-"""Steps of `Steps` that one row of a table of Kalman gains takes."""
 
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 
@@ -105,8 +102,7 @@ class Engine:
     def __init__(
         self, config: Config, setpoint: Setpoint, *, arm: bool = False, signing: Signing | None = None
     ) -> None:
-        assembly.refuse_fast_gains(config)
-        self._config = config
+        self.tuning = Tuning(config)
         self._tick_s = 1.0 / config.loop.rate_hz
         self._autopilot = autopilot = Autopilot(config, signing)
         self.heard, self.sender, self.hello = autopilot.heard, autopilot.sender, autopilot.hello
@@ -115,13 +111,8 @@ class Engine:
         self._supervision = Supervision(config, autopilot.parameters, arm=arm)
         self.refusal = self._supervision.engagement.refusal
         self._guidance = Guidance(config, setpoint)
-        self.parameters = assembly.parameters(config)
-        """What the core knows beforehand."""
         self.memory = tick.start(self.parameters)
         """All that the core remembers: a value, which may be kept, compared and given back."""
-        self._noise = noise_of(config)
-        """The noise for which the Kalman gains were computed."""
-        self._redesign: tuple[tuple[float, float], Task[None]] | None = None
         self._display = PilotDisplay()
         self._envelope = assembly.envelope(config)
         self.last: Tick | None = None
@@ -198,7 +189,12 @@ class Engine:
     @property
     def config(self) -> Config:
         """What is in force now."""
-        return self._config
+        return self.tuning.config
+
+    @property
+    def parameters(self) -> Parameters:
+        """What the core knows beforehand."""
+        return self.tuning.parameters
 
     @property
     def verdict(self) -> Verdict:
@@ -246,12 +242,6 @@ class Engine:
         """The pre-dive list as it was made last; empty before the first."""
         return self._fitness.listed
 
-    def _designing(self, old: Config, config: Config) -> Steps[None]:
-        """Make, in steps, the Kalman gains of the axes that differ."""
-        for dof, (axis, wanted) in enumerate(zip(old.axes, config.axes, strict=True)):
-            if axis != wanted:
-                yield from tables_in_steps(config, assembly.model(config), dof)
-
     def retune(self, config: Config) -> None:
         """Go on with `config` from the next tick, without a step in thrust; call it between ticks.
 
@@ -259,41 +249,14 @@ class Engine:
         (`assembly.LIVE` can), for values from which no finite gain follows and for gains that are too fast
         for the measured delay.
         """
-        changed = assembly.changed(self._config, config)
+        last, changed = self.last, config != self.config
         self._guidance.refuse(config)
-        delay_s = None if self.last is None else self.last.state.delays.total_s
-        assembly.refuse_fast_gains(config, delay_s, self._config)
-        if changed - {"supervisor"}:
-            measured = self._as_measured(config)
-            parameters = assembly.parameters(measured)
-            last = None if self.last is None else self.last.demand
-            self.memory = tick.retuned(self.parameters, parameters, self.memory, last)
-            self.parameters = parameters
-            self._surroundings.retune(config, parameters.control.model)
-            self._noise, self._redesign = noise_of(measured), None
-        self._supervision.retune(config, changed=bool(changed))
+        delay_s, demand = (None, None) if last is None else (last.state.delays.total_s, last.demand)
+        self.memory = self.tuning.change(config, delay_s, self.memory, demand)
+        self._surroundings.retune(config, self.parameters.control.model)
+        self._supervision.retune(config, changed=changed)
         self._estimator.retune(config)
         self._guidance.retune(config)
-        self._config = config
-
-    def _as_measured(self, config: Config) -> Config:
-        """Return a configuration with the noise of the gains, unless it changes the noise itself."""
-        return with_noise(config, *self._noise) if noise_of(config) == noise_of(self._config) else config
-
-    def _follow_noise(self) -> None:
-        """Make the Kalman gains those of the noise that depth and heading show, a part of them a tick."""
-        noise = self._estimator.noise
-        if noise == self._noise:
-            self._redesign = None
-            return
-        noisy = with_noise(self._config, *noise)
-        if self._redesign is None or self._redesign[0] != noise:
-            self._redesign = (noise, Task(self._designing(self._as_measured(self._config), noisy)))
-        if self._redesign[1].advance(REDESIGN_COST):
-            designed = assembly.observers(noisy)
-            self.parameters = self.parameters._replace(observers=designed)
-            self.memory = self.memory._replace(observed=observers.retuned(designed, self.memory.observed))
-            self._noise, self._redesign = noise, None
 
     def _receive(
         self,
@@ -335,15 +298,15 @@ class Engine:
 
     def _remembered(self, heard: Heard, sensed: Sensed) -> Memory:
         """Return the memory from which this tick goes on, with gains for the noise that is there."""
-        self._follow_noise()
-        observed = self.memory.observed
+        memory = self.tuning.follow(self._estimator.noise, self.memory)
+        observed = memory.observed
         if sensed.restarted:
             observed = observers.restarted(observed)
         if Request.RESET_MODEL in heard.requests:
             observed = observers.forgotten(self.parameters.observers, observed)
         if Condition.HEADING_WRONG in self.verdict.warnings:
             observed = observers.place_forgotten(self.parameters.observers, observed)
-        return self.memory._replace(observed=observed)
+        return memory._replace(observed=observed)
 
     def _believe(self, sensed: Sensed, memory: Memory, known: Known) -> VehicleState:
         """Return all that is believed of the vehicle and what is around it."""
@@ -414,7 +377,7 @@ class Engine:
 
     def _details(self, heard: Heard, state: VehicleState, *, holding: bool) -> Details:
         """Return what is known of conditions beyond their words."""
-        config, conditions = self._config, self.verdict.conditions
+        config, conditions = self.config, self.verdict.conditions
         failure = self._fitness.step(heard.events, state, config, conditions, holding=holding)
         details = {Condition.PREFLIGHT_FAILURE: (failure, "")} if failure else {}
         if motor := state.reversed_motor:

@@ -109,7 +109,7 @@ def within(part, names, by):
 def put(engine, parameters):
     """Go on with other parameters, as `Engine.retune` does."""
     engine.memory = retuned(engine.parameters, parameters, engine.memory, engine.last.demand)
-    engine.parameters = parameters
+    engine.tuning.parameters = parameters
 
 
 def test_a_fault_that_lasts_as_long_as_its_cause_ends_with_it():
