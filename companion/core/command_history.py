@@ -46,12 +46,13 @@ def appended(commands: list[SentCommand], t_s: float, tau: Vector, d_hat: Vector
 
 def mean_thrusts(
     commands: list[SentCommand], dof: int, from_s: float, since_s: float, step_s: float, steps: int
-) -> list[float]:
+) -> tuple[list[float], float]:
     """Return the mean thrust of a degree of freedom up to `since_s`, and in each of `steps` from there.
 
-    The newest command holds. Zero where no time passes.
+    The newest command holds. Zero where no time passes. With it what of the thrust that was in force at
+    `from_s` answers a slow disturbance.
     """
-    means = []
+    means, answered = [], 0.0
     i, last = len(commands) - 1, len(commands) - 1
     before_s, previous = from_s, 0.0
     for k in range(-1, steps + 1):
@@ -65,16 +66,10 @@ def mean_thrusts(
         if k >= 0:
             span_s = moment_s - before_s
             means.append((given - previous) / span_s if span_s > 0.0 else 0.0)
+        else:
+            answered = command.d_hat[dof]
         before_s, previous = moment_s, given
-    return means
-
-
-def answered(commands: list[SentCommand], dof: int, at_s: float) -> float:
-    """Return what of the thrust that was in force at a moment answers a slow disturbance."""
-    i = len(commands) - 1
-    while i > 0 and commands[i].t_s > at_s:
-        i -= 1
-    return commands[i].d_hat[dof]
+    return means, answered
 
 
 def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand]:

@@ -317,11 +317,10 @@ def _observed(
         rests = _stays(was.q, was.state, to_s, mean_d, predictor.interrupted(was.predictor))
         return rests, _still(was.q, 0.0, 0.0), NOTHING_SHOWN
     sent_s, step_s = inputs.command_s, _to_go(inputs.now_s, inputs.ahead_s, to_s) / now.steps
-    thrusts = command_history.mean_thrusts(
+    thrusts, answered = command_history.mean_thrusts(
         memory.commands, dof, from_s - sent_s, to_s - sent_s, step_s, now.steps
     )
-    own = thrusts[0] - command_history.answered(memory.commands, dof, from_s - sent_s)
-    push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s, own)
+    push = Push(thrusts[0], now.m[dof], now.c[dof], to_s - from_s, thrusts[0] - answered)
     gain, control = schedule.gain[dof], schedule.dofs[dof].control
     state, since, innovation, shown = _corrected(control, was, push, gain, inputs, to_s, dof)
     if not is_believable(state):

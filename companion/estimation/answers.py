@@ -81,9 +81,9 @@ class Repeats:
 
     def frozen(self, now_s: float, least_s: float = FROZEN_S) -> bool:
         """Tell whether it is a fine signal that repeats for so long."""
-        lasts = self._in_a_row >= IN_A_ROW and now_s - self.since_s >= least_s
-        fine = self._least <= self._coarsest and self._log_usual >= math.log(self._fine * self._least)
-        return lasts and fine
+        if self._in_a_row < IN_A_ROW or not now_s - self.since_s >= least_s:
+            return False
+        return self._least <= self._coarsest and self._log_usual >= math.log(self._fine * self._least)
 
 
 class Partners:
