@@ -244,14 +244,14 @@ def axis_control(config: Config, number: int) -> AxisControl:
 
 def by_observer(axis: AxisSection) -> bool:
     """Return whether the observer's d is fed back on an axis."""
-    return OBSERVER in axis.compensator.split("+")
+    return predicts(axis) or OBSERVER in axis.compensator.split("+")
 
 
 def compensator(config: Config, axis: AxisSection) -> tuple[ChosenCompensator, float]:
     """Return what learns on an axis, and the gain by which it integrates −ε near rest."""
     known = registry.compensators(config.compensators)
     name = registry.learner(axis.compensator, known)
-    if not name or predicts(axis):
+    if not name:
         return NO_COMPENSATOR, 0.0
     functions = known[name]
     shared = asdict(config.network) | {"hidden": hidden_layer(config.network, INPUTS)}

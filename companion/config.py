@@ -158,10 +158,11 @@ class AxisSection(AxisModel, frozen=True):
     compensator: Annotated[
         str,
         means(
-            "estimates the disturbance: none, integrator, network, one of [compensators], "
-            "observer, or one with +observer: docs/your-own-controller.md"
+            "estimates the disturbance: `predictor` is the observer, whose disturbance a network predicts "
+            "until the thrust acts; observer, alone; none; integrator, the paper's network, or one of "
+            "[compensators], and these but the network also with +observer: docs/your-own-controller.md"
         ),
-    ] = "network+observer"
+    ] = "predictor"
     learning_rate: commands.LearningRate = 14.0
     hidden_learning_rate: commands.HiddenLearningRate = 0.0
     leak_per_s: commands.Leak = 0.002

@@ -19,7 +19,7 @@ from companion.core.compensator import Signals
 from companion.core.law import Motion
 from companion.core.schedule import Gains
 
-NONE, OBSERVER, PREDICTED, LYAPUNOV = "none", "observer", "network+observer", "lyapunov"
+NONE, OBSERVER, PREDICTED, LYAPUNOV = "none", "observer", "predictor", "lyapunov"
 """No compensator; the observer's d fed back; as the network predicts it; the paper's law."""
 
 SHIPPED = {"integrator": integrator, "network": network}
@@ -68,20 +68,24 @@ def laws(tables: Tables) -> dict[str, Law]:
 def choices(tables: Tables) -> tuple[str, ...]:
     """Return what an axis' `compensator` may be, each that learns alone and beside the observer."""
     known = compensators(tables)
-    return (NONE, OBSERVER, *known, *(f"{name}+{OBSERVER}" for name in known))
+    beside = (f"{name}+{OBSERVER}" for name in known if name != "network")
+    return (NONE, OBSERVER, PREDICTED, *known, *beside)
 
 
 def learner(choice: str, known: Mapping[str, Compensator]) -> str:
-    """Return the name of what learns by `choice`, such as "network+observer"; empty for nothing.
+    """Return the name of what learns from ε by `choice`, such as "drag+observer"; empty for nothing.
 
     Raises UnusableError for a choice that there is not.
     """
-    names = choice.split("+")
-    learning = "".join(name for name in names if name != OBSERVER)
-    if choice != NONE and (len(set(names)) < len(names) or learning not in ("", *known)):
-        single = ", ".join((NONE, OBSERVER, *known))
-        raise UnusableError(f"must be one of {single}, or one that learns +{OBSERVER}")
-    return learning if choice != NONE else ""
+    if choice in (NONE, OBSERVER, PREDICTED):
+        return ""
+    name = choice.removesuffix(f"+{OBSERVER}")
+    if name not in known or choice == f"network+{OBSERVER}":
+        single = ", ".join((NONE, OBSERVER, PREDICTED, *known))
+        raise UnusableError(
+            f"must be one of {single}, or one that learns +{OBSERVER}; the network beside it is {PREDICTED}"
+        )
+    return name
 
 
 def _all(

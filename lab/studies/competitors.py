@@ -148,7 +148,7 @@ def knobs_of(config: Config, compensator: str) -> dict[str, float]:
         "delays.gains_bear_s": config.delays.gains_bear_s,
     }
     learner = registry.learner(compensator, registry.compensators(config.compensators))
-    if learner and compensator != registry.PREDICTED:
+    if learner:
         knobs["heave.learning_rate"] = heave.learning_rate
     return knobs
 

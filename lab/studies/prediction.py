@@ -19,7 +19,7 @@ from lab.options import add_bench
 from lab.studies.reality import SCENARIOS, RealDive, Reality
 from lab.study import Row, by
 
-COMPENSATORS = ("observer", "network+observer")
+COMPENSATORS = ("observer", "predictor")
 SHOWN_S = (60.0, 75.0)
 FIGURES = {"depth_sd_mm": "depth SD, mm", "believed_rms_mm": "place without the DVL's drift, mm"}
 

@@ -14,7 +14,7 @@ from companion.records import Request, Setpoint, State
 STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 """N and N·m from one tick to the next: 2 % of what heave and yaw can give."""
 
-LEARNS = {"network": 160.0, "integrator": 400.0, "network+observer": 160.0}
+LEARNS = {"network": 160.0, "integrator": 400.0, "predictor": 160.0}
 QUIET = tuple(f"sensors.{noise}=0.0" for noise in STILL_SENSORS)
 PULLED = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=12.0")
 
@@ -38,7 +38,7 @@ def configured(compensator, *more):
     )
 
 
-@pytest.mark.parametrize(("old", "new"), [("network", "observer"), ("integrator", "network+observer")])
+@pytest.mark.parametrize(("old", "new"), [("network", "observer"), ("integrator", "predictor")])
 def test_another_compensator_goes_on_where_the_last_one_was(old, new):
     """unit/test_taking_over.py has each after each other."""
 
@@ -52,7 +52,7 @@ def test_another_compensator_goes_on_where_the_last_one_was(old, new):
 
 def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     """Amid a move, where error and rate are not zero."""
-    gains = configured("network+observer", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
+    gains = configured("predictor", "heave.lambda_per_s=2.0", "heave.kappa_per_s=5.0", "yaw.mass=0.7")
 
     @shared
     def moving():

@@ -119,8 +119,11 @@ def test_an_entry_point_makes_the_name_known_without_a_table(folder):
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        (["heave.compensator=drag"], "heave.compensator = 'drag': must be one of none, observer, integrator"),
-        (["heave.compensator=network+network"], "must be one of none, observer, integrator"),
+        (
+            ["heave.compensator=drag"],
+            "heave.compensator = 'drag': must be one of none, observer, predictor, integrator",
+        ),
+        (["heave.compensator=network+network"], "must be one of none, observer, predictor, integrator"),
         (["heave.law=pd"], "heave.law = 'pd': must be one of lyapunov"),
         (["compensators.drag.module=nonesuch"], "compensators.drag.module = 'nonesuch': cannot be imported"),
         (["compensators.drag.module=math"], "math has no Parameters, State, initial"),

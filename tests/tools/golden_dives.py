@@ -233,11 +233,11 @@ def compensators(*four, rates=(300.0, 100.0, 60.0, 5.0)):
 
 
 def compensators_1():
-    return compensators("observer", "network+observer", "network", "integrator")
+    return compensators("observer", "predictor", "network", "integrator")
 
 
 def compensators_2():
-    return compensators("integrator", "none", "observer", "network+observer")
+    return compensators("integrator", "none", "observer", "predictor")
 
 
 def ekf_resets():

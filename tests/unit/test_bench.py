@@ -129,7 +129,7 @@ def test_what_is_not_shipped_has_rows_that_start_where_the_configuration_stands(
 
 
 def test_a_rival_steers_depth_and_place_and_the_default_is_what_is_shipped() -> None:
-    for row, compensator in (("indi", "none"), ("indi_predicted", "network+observer")):
+    for row, compensator in (("indi", "none"), ("indi_predicted", "predictor")):
         config = configured(steered(COMPETITORS[row], CONFIG, tuned()["indi"]))
         assert (config.heave.law, config.surge.law, config.sway.law) == ("indi_depth", *["indi_place"] * 2)
         assert (config.yaw.law, config.heave.compensator) == ("lyapunov", compensator)

@@ -45,7 +45,7 @@ def test_the_shipped_file_says_what_the_defaults_are():
     config = load_config()
     assert config == Config()
     assert config.axes == (config.surge, config.sway, config.heave, config.yaw)
-    assert config.heave.compensator == "network+observer"
+    assert config.heave.compensator == "predictor"
 
 
 @pytest.mark.parametrize(
@@ -63,6 +63,7 @@ def test_the_shipped_file_says_what_the_defaults_are():
         ("fence.depth_m=[5.0, 1.0]", ["fence.depth_m = [5, 1]", "the first must be less"]),
         ("heave=5", ["heave", "5"]),
         ("heave.kapa_per_s=8", ["heave", "kapa_per_s", "unknown"]),
+        ("heave.compensator='network+observer'", ["heave.compensator", "the network beside it is predictor"]),
         ("pitch.mass=8", ["pitch", "unknown"]),
         ('link.allow=["192.168.2.1/24"]', ["link.allow", "192.168.2.1/24", "host bits"]),
         ('ground_station.allow=["topside"]', ["ground_station.allow", "topside", "192.168.2.0/24"]),

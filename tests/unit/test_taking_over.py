@@ -21,7 +21,7 @@ TARGET = Setpoint((0.0,) * 4)
 
 
 def heave(compensator, *more):
-    rate = 160.0 if compensator in (*LEARNERS, "network+observer") else 0.0
+    rate = 160.0 if compensator in (*LEARNERS, "predictor") else 0.0
     return (f'heave.compensator="{compensator}"', f"heave.learning_rate={rate}", *more)
 
 
@@ -43,8 +43,8 @@ def after(old, *overrides):
     return old.taken_over(*overrides)
 
 
-@pytest.mark.parametrize("old", [*LEARNERS, "none", "observer", "network+observer"])
-@pytest.mark.parametrize("new", [*LEARNERS, "none", "observer", "network+observer"])
+@pytest.mark.parametrize("old", [*LEARNERS, "none", "observer", "predictor"])
+@pytest.mark.parametrize("new", [*LEARNERS, "none", "observer", "predictor"])
 def test_the_first_thrust_is_what_the_old_law_asked_last(old, new):
     before, last = learnt(old)
     twin, _ = learnt(old)
