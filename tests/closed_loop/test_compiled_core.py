@@ -10,7 +10,7 @@ from companion.core import tick
 from companion.core.allocation import ByAxis
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
-from companion.core.tick import Known, Memory, Parameters, confirm, control, observe, start
+from companion.core.tick import Known, Memory, Parameters, begin, confirm, control, observe, start
 from companion.records import PSI, Array, Axes, X, Z
 from lab.batch.companion import as_arguments
 from lab.batch.compiled import cached
@@ -37,6 +37,7 @@ def dived(parameters: Parameters, ticks: list[Given], found: Array) -> None:
     for i in range(len(ticks)):
         given = ticks[i]
         memory, known = observe(parameters, memory, given.inputs)
+        memory = begin(parameters, memory, known, given.permission)
         memory, demand = control(parameters, memory, known, given.permission, given.wanted, given.dt_s)
         memory = confirm(parameters, memory, demand, given.applied, given.held)
         put(found[i], memory, known)
@@ -63,9 +64,9 @@ def test_a_live_dive_is_the_compiled_one(monkeypatch):
     """With DVL, levelling, waves, a current, resets of the EKF, a motor that dies and one that comes back."""
     ticks, found, dts_s = [], [], []
 
-    def controlled(parameters, memory, known, permission, wanted, dt_s):
+    def controlled(parameters, memory, known, permission, wanted, dt_s, excitation):
         dts_s.append(dt_s)
-        return control(parameters, memory, known, permission, wanted, dt_s)
+        return control(parameters, memory, known, permission, wanted, dt_s, excitation)
 
     def confirmed(parameters, memory, demand, applied, held):
         applied = tuple(applied)  # a named tuple of its own in the engine
