@@ -23,9 +23,6 @@ WATCH_TICKS = 4
 """The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
 
 
-LEVELLING_DOUBTS = 2.5
-
-
 class Parameters(NamedTuple):
     """What is known beforehand."""
 
@@ -220,7 +217,7 @@ def known_of(
     )
     response = Response(
         delay_s=delay_s,
-        gain=levelling_gain(model) if adapts else 1.0,
+        gain=model.gain[Z] if adapts else 1.0,
         lag_s=model.lag_s[Z],
         adapts=adapts,
     )
@@ -234,16 +231,6 @@ def known_of(
         response=response,
     )
     return Known(inputs, motion, ahead, tilt, model, watch.dead, watch.reversed)
-
-
-def levelling_gain(model: VehicleModel) -> float:
-    """Return the gain for which roll and pitch are levelled, from that of heave, whose thrusters they share.
-
-    Of a weak vehicle it is LEVELLING_DOUBTS standard deviations above what was found: the gain margin of
-    levelling is 2.3, and waves make heave look weaker than it is.
-    """
-    most = model.found_gain[Z] * math.exp(LEVELLING_DOUBTS * model.log_gain_doubt[Z])
-    return max(model.gain[Z], min(most, 1.0))
 
 
 def referred(memory: ControlMemory, limits: Limits) -> Reference:
