@@ -57,7 +57,7 @@ def test_a_heavy_and_late_vehicle_is_known_after_its_first_approach_and_follows_
 
 
 def test_waves_of_the_paths_own_period_are_not_taken_for_inertia() -> None:
-    """The nominal vehicle's gain is 0.89; with the answer to waves counted as a push it was taken for 0.51."""
+    """The nominal one has 0.89; with the answer to waves counted as a push it was taken for 0.51."""
     plant = water(BASE, depth_m=DEPTH_M, dvl=False, waves_m=0.3, period_s=6.0)
     used = []
     for seed in (1, 2):
