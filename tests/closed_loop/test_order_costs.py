@@ -82,11 +82,11 @@ def ticks(console, count):
     """Dive on; return how many instructions each tick takes, what is done between them apart."""
     step, counted = console.step, []
 
-    def counts(*arguments):
+    def counts(*arguments, **named):
         while console.commands.prepare():
             pass
         result = []
-        counted.append(instructions(lambda: result.append(step(*arguments))))
+        counted.append(instructions(lambda: result.append(step(*arguments, **named))))
         return result[0]
 
     console.step = counts
