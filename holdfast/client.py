@@ -13,6 +13,7 @@ from companion.telemetry import schemas as telemetry
 from companion.telemetry.commands import COMMANDS
 from companion.telemetry.glossary import ENDPOINT
 from companion.telemetry.schemas import Reply, Schema, State
+from dashboard.whom import heard
 from dashboard.zenoh_client import Subscription
 from holdfast import RefusedError
 
@@ -60,12 +61,8 @@ class Vehicle:
 async def connect(name: str = "", endpoint: str = ENDPOINT) -> AsyncIterator[Vehicle]:
     """Find a vehicle, by default the only one that is heard. Raises RefusedError where there is none."""
     with Subscription(f"holdfast/{name or '*'}/**", endpoint) as subscription:
-        for _ in range(round(FOUND_S / 0.1)):
-            heard = await asyncio.to_thread(subscription.companions)
-            if name in heard or (not name and heard):
-                break
-            await asyncio.sleep(0.1)
-        if len(found := {name} & heard if name else heard) != 1:
+        names = await asyncio.to_thread(heard, subscription, FOUND_S, name)
+        if len(found := {name} & names if name else names) != 1:
             wanted = f"'{name}' is" if name else "one vehicle is wanted,"
             raise RefusedError(
                 f"{wanted} not heard at {endpoint}; {await asyncio.to_thread(subscription.others)}"

@@ -3,8 +3,7 @@
 import argparse
 import sys
 import textwrap
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -15,11 +14,10 @@ from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
 from companion.telemetry.schemas import printable
 from dashboard.arguments import PATIENCE_S, add_connect
+from dashboard.whom import heard, wait
 from dashboard.zenoh_client import Subscription
 from holdfast.arguments import command_parser
 
-ALONE_S = 0.3
-"""For so long after the first companion others are looked for: a router tells of all of them at once."""
 KNOWN = (*COMMANDS, "config")
 
 HEAD = "commands and their fields (the vehicle answers with the values that are now in force):"
@@ -87,7 +85,7 @@ def send(program: str, vehicle: str | None, command: str, what: Mapping[str, obj
         if vehicle is not None:
             telemetry.key(vehicle, "command", command)  # raises ValueError for what can be no name
         with Subscription("holdfast/*/alive/none", connect) as seen:  # nothing comes there: it only asks
-            if not _wait(lambda: seen.connected, PATIENCE_S):
+            if not wait(lambda: seen.connected, PATIENCE_S):
                 sys.stderr.write(
                     f"holdfast {program}: nobody listens on {connect}. Start `holdfast run`, or "
                     "give its address with --connect.\n"
@@ -122,20 +120,10 @@ def add_vehicle(parser: argparse.ArgumentParser) -> None:
 
 def _only_one(seen: Subscription) -> str:
     """Return the name of the vehicle whose companion runs; raise ValueError if none or several do."""
-    if _wait(lambda: bool(seen.companions()), PATIENCE_S):
-        _wait(lambda: len(seen.companions()) > 1, ALONE_S)
-    names = seen.companions()
+    names = heard(seen, PATIENCE_S)
     if len(names) != 1:
         raise ValueError(f"which vehicle? {seen.others()}; name it")
     return names.pop()
-
-
-def _wait(until: Callable[[], bool], patience_s: float) -> bool:
-    """Wait until something is so; return whether it is."""
-    end_s = time.monotonic() + patience_s
-    while not (so := until()) and time.monotonic() < end_s:
-        time.sleep(0.02)
-    return so
 
 
 def _epilog() -> str:

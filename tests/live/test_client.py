@@ -63,3 +63,41 @@ def test_a_vehicle_that_there_is_not_is_refused(monkeypatch: pytest.MonkeyPatch)
 
     with pytest.raises(RefusedError, match=r"'kelp' is not heard at tcp/.*; none is heard"):
         asyncio.run(nobody())
+
+
+class Sea:
+    """Two vehicles; the second is heard a moment after the first."""
+
+    others = Subscription.others
+
+    def __init__(self, key_expression: str, endpoint: str) -> None:
+        self._asked = 0
+
+    def __enter__(self) -> "Sea":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def companions(self) -> set[str]:
+        self._asked += 1
+        return {"kelp"} if self._asked < 3 else {"kelp", "wrack"}
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("wrack", "wrack"), ("", "these are heard: kelp, wrack")], ids=["named", "not named"]
+)
+def test_of_two_vehicles_none_is_taken_by_chance(
+    monkeypatch: pytest.MonkeyPatch, name: str, says: str
+) -> None:
+    """The one that was heard first was steered."""
+    monkeypatch.setattr("holdfast.client.Subscription", Sea)
+
+    async def taken() -> str:
+        try:
+            async with connect(name) as v:
+                return v.name
+        except RefusedError as error:
+            return str(error)
+
+    assert says in asyncio.run(taken())
