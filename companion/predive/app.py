@@ -3,6 +3,8 @@
 import asyncio
 import logging
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 from companion.config import Config
 from companion.endpoint import Endpoint
@@ -40,22 +42,34 @@ def inspect(config: Config, *, origin: Origin | None, thrusters: bool) -> tuple[
 
 
 async def _inspect(config: Config, inspection: Inspection) -> None:
-    endpoint, here = Endpoint.parse(config.link.endpoint), asyncio.current_task()
+    here = asyncio.current_task()
     assert here is not None
+    on_ending_signal(asyncio.get_running_loop(), here.cancel)
+    async with wired(config, inspection) as (link, inbox, wire):
+        try:
+            while not inspection.done and not wire.done():
+                for data in inspection.step(time.monotonic_ns() / NS_PER_S, inbox.take()):
+                    link.send(data)
+                await asyncio.sleep(1.0 / config.loop.rate_hz)
+            if wire.done():
+                wire.result()
+        finally:
+            for data in inspection.shutdown_frames():
+                link.send(data)
+
+
+@asynccontextmanager
+async def wired(
+    config: Config, inspection: Inspection
+) -> AsyncIterator[tuple[MavlinkLink, Inbox, asyncio.Task[None]]]:
+    """Give the link to `link.endpoint`, what arrives, and the task that ends where the link fails."""
+    endpoint = Endpoint.parse(config.link.endpoint)
     inbox = Inbox(endpoint.is_stream)
     admission = Admission(inspection.sender, inspection.hello, config.link.allow, inspection.heard.barred)
     link = MavlinkLink(endpoint, "vehicle", inbox.add, admission)
     wire = asyncio.create_task(link.run())
-    on_ending_signal(asyncio.get_running_loop(), here.cancel)
     try:
-        while not inspection.done and not wire.done():
-            for data in inspection.step(time.monotonic_ns() / NS_PER_S, inbox.take()):
-                link.send(data)
-            await asyncio.sleep(1.0 / config.loop.rate_hz)
-        if wire.done():
-            wire.result()
+        yield link, inbox, wire
     finally:
-        for data in inspection.shutdown_frames():
-            link.send(data)
         wire.cancel()
         link.close()

@@ -1,4 +1,7 @@
-"""`holdfast init` listens: which vehicle is there, and where. It sends nothing before a vehicle is heard."""
+"""`holdfast init` listens: which vehicle is there, and where.
+
+It sends nothing before a vehicle is heard, but where the other side waits to be called (udp-connect).
+"""
 
 import asyncio
 import logging
@@ -12,9 +15,8 @@ from msgspec.structs import replace
 
 from companion.config import Config
 from companion.endpoint import Endpoint
-from companion.io.links import Admission, MavlinkLink
 from companion.mavlink.ardusub import FRAMES, NS_PER_S
-from companion.mavlink.inbox import Inbox
+from companion.predive.app import wired
 from companion.predive.check import ARDUPILOT, PRESET_OF, SUBMARINE
 from companion.predive.inspection import Inspection
 
@@ -73,12 +75,8 @@ async def _one_of(config: Config, endpoints: Sequence[str]) -> Found | None:
 
 async def _listen(config: Config) -> Found | None:
     endpoint, inspection = Endpoint.parse(config.link.endpoint), Inspection(config)
-    inbox = Inbox(endpoint.is_stream)
-    admission = Admission(inspection.sender, inspection.hello, config.link.allow, inspection.heard.barred)
-    link = MavlinkLink(endpoint, "vehicle", inbox.add, admission)
-    wire = asyncio.create_task(link.run())
     begun_s = time.monotonic()
-    try:
+    async with wired(config, inspection) as (link, inbox, wire):
         while not wire.done():
             now_s = time.monotonic_ns() / NS_PER_S
             frames, seen = inspection.step(now_s, inbox.take()), inspection.observed
@@ -95,6 +93,3 @@ async def _listen(config: Config) -> Found | None:
             await asyncio.sleep(1.0 / config.loop.rate_hz)
         wire.result()
         return None
-    finally:
-        wire.cancel()
-        link.close()
