@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from companion.config import Config
-from companion.core import hidden_delay, oscillation, predictor, schedule, vehicle_model
+from companion.core import hidden_delay, model_learner, oscillation, predictor, schedule, vehicle_model
 
 PAGE = " ".join((Path(__file__).parents[2] / "docs" / "theory.md").read_text(encoding="utf-8").split())
 
@@ -15,6 +15,7 @@ sum_per_s = (
     heave.lambda_per_s * least**schedule.LAMBDA_POWER + heave.kappa_per_s * least**schedule.KAPPA_POWER
 )
 surge, sway, in_heave, yaw = (f"{100 * share:g} %" for share in oscillation.SHARES)
+sure = model_learner.SURE_OF_LESS
 most_gain = math.exp(vehicle_model.MOST_LOG_GAIN)
 
 SENTENCES = (
@@ -36,6 +37,7 @@ SENTENCES = (
     f"with λ + κ = {sum_per_s:.1f}/s in heave",
     f"λ decreases with the power {schedule.LAMBDA_POWER:g} and κ with the power {schedule.KAPPA_POWER:g}",
     f"r = s · min(1, {schedule.D_HAT_TOLERATED_S:g} s/delay)",
+    f"responds less, {sure[0]:g} in surge and sway, {sure[2]:g} in heave, {sure[3]:g} in yaw",
     f"g stays within 1/{most_gain:g}..{most_gain:g}, T within {vehicle_model.LEAST_LAG_S:g}.."
     f"{vehicle_model.MOST_LAG_S:g} s",
     f"limited to 0..{1e3 * hidden_delay.LARGEST_S:g} ms and changes by at most "
