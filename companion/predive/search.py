@@ -48,8 +48,13 @@ def search(config: Config, groups: Sequence[Sequence[str]]) -> Found | None:
 
     Groups are listened on at once, the endpoints of a group one after the other.
     """
-    logging.getLogger("holdfast").setLevel(logging.ERROR)  # most of them are not there
-    return asyncio.run(_search(config, groups))
+    log = logging.getLogger("holdfast")
+    level = log.level
+    log.setLevel(logging.ERROR)  # most of them are not there
+    try:
+        return asyncio.run(_search(config, groups))
+    finally:
+        log.setLevel(level)
 
 
 async def _search(config: Config, groups: Sequence[Sequence[str]]) -> Found | None:

@@ -1,9 +1,11 @@
 """`holdfast init` finds a vehicle that speaks, and says nothing to what does not."""
 
+import logging
 import socket
 import threading
 from contextlib import closing
 
+import pytest
 from tools.processes import HOLDFAST, free_port, running
 from waiting import until
 
@@ -41,3 +43,10 @@ def test_what_is_no_vehicle_hears_nothing() -> None:
 def _open(port: int) -> bool:
     with socket.socket() as client:
         return client.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_what_is_logged_after_the_search_is_what_was_logged_before(caplog: pytest.LogCaptureFixture) -> None:
+    """Links that failed in the same process were no longer told."""
+    caplog.set_level(logging.WARNING, "holdfast")
+    search(load_config(), [])
+    assert logging.getLogger("holdfast").level == logging.WARNING
