@@ -242,6 +242,11 @@ class Engine:
         """The pre-dive list as it was made last; empty before the first."""
         return self._fitness.listed
 
+    @property
+    def reads(self) -> bool:
+        """Whether the vehicle is not known yet, as a short while after its start: engaging waits for that."""
+        return self._fitness.reads
+
     def retune(self, config: Config) -> None:
         """Go on with `config` from the next tick, without a step in thrust; call it between ticks.
 

@@ -14,7 +14,7 @@ from companion.telemetry.session import SessionThread, client_configuration
 
 _RING = 4096  # messages: nine seconds of one vehicle
 _CLOSE_S = 3.0
-_ANSWER_S = 8.0  # an engaging takes five
+_ANSWER_S = 12.0  # an engaging takes five, and as long before it just after a start
 _LAST_S = 1.0  # a router answers in milliseconds
 MOST_NAMED = 8  # vehicles, in one line of a terminal
 _EVENTS = 100  # that happened before we came

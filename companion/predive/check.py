@@ -48,6 +48,9 @@ motors one that is reversed shows -0.33, a dead one 0.2."""
 NO_ANSWER = 0.1
 """The strongest motor of a group has to answer with this share of what the configured vehicle would."""
 
+UNREAD = "wait; reduce the load of the link; check whether the vehicle requires signatures"
+"""What to do about a row that needs what was not reported yet."""
+
 
 class Grade(IntEnum):
     """The result of a row; the worst one is the exit status of `holdfast check`."""
@@ -111,8 +114,7 @@ def rows(seen: Observed, config: Config) -> list[CheckRow]:
         try:
             it = row.judge(seen, config)
         except NotReportedError as error:
-            fix = "wait; reduce the load of the link; check whether the vehicle requires signatures"
-            it = Finding(REFUSED, str(error), fix)
+            it = Finding(REFUSED, str(error), UNREAD)
         if it is not None:
             found.append(CheckRow(row.name, it.grade, it.found, row.why, it.fix))
     return found

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 from companion.config import Config
 from companion.mavlink.autopilot import Autopilot
-from companion.predive.check import CheckRow, refusals, rows
+from companion.predive.check import UNREAD, CheckRow, refusals, rows
 from companion.predive.survey import Survey
-from companion.records import Condition, Event, StatusText, VehicleState
+from companion.records import ENGAGE_S, Condition, Event, StatusText, VehicleState
 
 CHECK_S = 0.25
-"""Between two lists: a refusal is reported within a quarter of a second."""
+"""Between two lists of a vehicle that is heard: a refusal is reported within a quarter of a second."""
 MAV_SEVERITY_INFO = 6
 
 
@@ -25,6 +25,10 @@ class Fitness:
         self.listed: list[CheckRow] = []
         """The list as it was made last, as far as it is known without trying anything."""
         self._failure = ""
+        self._read_s = math.nan
+        """When the list was complete last."""
+        self.reads = True
+        """Whether what the list needs is still being read: for ENGAGE_S that is no refusal."""
 
     def step(
         self,
@@ -37,10 +41,15 @@ class Fitness:
     ) -> str:
         """Take one tick's events and the last one's conditions; return what forbids engaging, in words."""
         self._survey.take(events)
-        if state.t_s - self._checked_s >= CHECK_S:
-            self._checked_s = state.t_s
+        now_s = state.t_s
+        if now_s - self._checked_s >= CHECK_S or len(self.listed) == 1:
+            self._checked_s = now_s
             self.listed = rows(self._survey.observed(state, conditions), config)
             self._failure = refusals(self.listed, holding=holding)
+            unread = len(self.listed) == 1 or any(row.fix == UNREAD for row in self.listed)
+            if not unread or math.isnan(self._read_s):
+                self._read_s = now_s
+            self.reads = unread and now_s - self._read_s < ENGAGE_S
         return self._failure
 
     def introduced(self, now_s: float) -> tuple[StatusText, ...]:

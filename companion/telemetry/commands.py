@@ -74,7 +74,10 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Engage(Payload, frozen=True):
-    """Take control and hold, within 5 s. Refused if more is missing than the mode and a permitted arming."""
+    """Take control and hold, within 5 s. Refused if more is missing than the mode and a permitted arming.
+
+    Just after a start it waits up to 5 s for what the vehicle has not reported yet.
+    """
 
     order = "engage"
 

@@ -9,11 +9,11 @@ import pytest
 from console import at_console
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from virtual import Somebody, shared
+from virtual import Dive, Somebody, shared
 
 from companion.config import Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
-from companion.records import Condition, Setpoint, State, Verdict
+from companion.records import ENGAGE_S, Condition, Setpoint, State, Verdict
 from companion.telemetry.commands import COMMANDS, MAX_BYTES
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import status_line
@@ -185,6 +185,33 @@ def test_too_many_commands_are_told_so_at_once():
     assert not reply.done
     assert "busy" in reply.said
     assert not console.ask("release"), "there is room for a release"
+
+
+def test_engage_waits_for_what_is_not_read_yet_and_is_then_done():
+    """A script that engaged in the first second was refused: "MAV_GCS_SYSID was not reported"."""
+    _, console = at_console(waits_s=0.02)
+    reply = console.tell("engage", within_s=12.0)
+    assert reply.done, reply.said
+
+
+def test_nothing_may_be_engaged_before_the_list_was_made():
+    """For up to a quarter of a second a list counted that was made before the vehicle was heard."""
+    for late_s in (0.13, 0.21, 0.29, 0.37):
+        dive = Dive(engage=False)
+        dive.fault("message_stopped", message="PARAM_VALUE")
+        dive.fault("link_cut", late_s)
+        for step in dive.loop.run(2.5):
+            held = step.sample.verdict.conditions
+            assert held & (Condition.LINK_LOST | Condition.PREFLIGHT_FAILURE)
+
+
+def test_engage_is_refused_where_a_parameter_is_never_read():
+    dive, console = at_console(waits_s=0.02)
+    dive.fault("message_stopped", message="PARAM_VALUE")
+    reply = console.tell("engage", within_s=12.0)
+    assert not reply.done
+    assert dive.t_s == pytest.approx(ENGAGE_S, abs=0.3)
+    assert "MAV_GCS_SYSID was not reported" in reply.said
 
 
 def test_the_log_line_is_bounded_whatever_came():
@@ -394,6 +421,7 @@ class _Recorder:
 
     config = load_config()
     target = asked = destination = (0.0,) * 4
+    reads = False
     verdict = Verdict(State.IDLE, Condition(0), 0.0, "just started")
 
     def __init__(self):

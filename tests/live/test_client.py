@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from test_tell import VEHICLE, diving
 from tools.processes import free_port
-from waiting import until
 
 from companion.telemetry.schemas import Supervisor
 from dashboard.zenoh_client import Subscription
@@ -19,18 +18,11 @@ from holdfast.client import connect
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
 
 
-def _listed(seen: Subscription) -> bool:
-    """Whether no row of the pre-dive list is refused any more."""
-    told = [message.payload for message in seen.take() if message.key.endswith("/supervisor")]
-    return bool(told) and b"PREFLIGHT_FAILURE" not in told[-1]
-
-
 def test_the_script_of_the_page_dives() -> None:
     script, _ = re.findall(
         r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
     )
     with diving("--arm") as seen:
-        until(lambda: _listed(seen))
         here = script.replace('connect("bluerov2")', f'connect("bluerov2", "{seen.endpoint}")')
         assert here != script
         done = subprocess.run(
