@@ -268,9 +268,9 @@ def test_where_there_is_a_key_commands_and_words_are_signed(behind):
 
 
 def test_the_actions_for_qgroundcontrol_are_those_that_holdfast_takes():
-    """The file in docs/wiring.md; command() makes its bytes."""
-    page = (ROOT / "docs" / "wiring.md").read_text(encoding="utf-8")
-    actions = json.loads(page.split("```json")[1].split("```")[0])["actions"]
+    """The file that docs/wiring.md names; command() makes its bytes."""
+    file = ROOT / "docs" / "examples" / "qgroundcontrol-actions.json"
+    actions = json.loads(file.read_text(encoding="utf-8"))["actions"]
     assert [(action["compId"], action["mavCmd"], action["param1"]) for action in actions] == [
         (COMPONENT, mavlink.MAV_CMD_USER_1, number) for number in PilotAction
     ]

@@ -1,7 +1,8 @@
-"""docs/your-own-controller.md, followed literally: its files are written, its commands are run."""
+"""docs/your-own-controller.md, followed literally: its files are copied, its commands are run."""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -15,17 +16,15 @@ from companion.engine import Engine
 
 PAGE = (ROOT / "docs" / "your-own-controller.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
-PYTHON, SHELL, TOML = (
-    [text for kind, text in BLOCKS if kind == wanted] for wanted in ("python", "sh", "toml")
-)
-FILES = re.findall(r"as `(\w+\.py)`", PAGE)
+SHELL, TOML = ([text for kind, text in BLOCKS if kind == wanted] for wanted in ("sh", "toml"))
+FILES = re.findall(r"\(examples/(\w+\.py)\)", PAGE)
 
 
 @pytest.fixture
 def folder(tmp_path):
     """An empty folder with the page's files in it."""
-    for name, text in zip(FILES, PYTHON, strict=True):
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    for name in FILES:
+        shutil.copy(ROOT / "docs" / "examples" / name, tmp_path)
     return tmp_path
 
 

@@ -116,11 +116,9 @@ def test_the_longest_path_is_no_command_of_too_many_values():
     assert parse("follow", msgspec.json.encode(follow)) == follow
 
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "guidance.md"
-EXAMPLES = DOCUMENT.read_text(encoding="utf-8").split("```toml\n")[1:]
+EXAMPLES = sorted((Path(__file__).parents[2] / "docs" / "examples" / "paths").glob("*.toml"))
 
 
-@pytest.mark.parametrize("number", range(len(EXAMPLES)))
-def test_the_documents_examples_are_paths(tmp_path, number):
-    plan = read(written(tmp_path, "example.toml", EXAMPLES[number].partition("```")[0]))
-    assert build(plan, limits(load_config())).length_m > 5.0
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_the_documents_examples_are_paths(file):
+    assert build(read(file), limits(load_config())).length_m > 5.0
