@@ -304,14 +304,14 @@ class Engine:
     def _remembered(self, heard: Heard, sensed: Sensed) -> Memory:
         """Return the memory from which this tick goes on, with gains for the noise that is there."""
         memory = self.tuning.follow(self._estimator.noise, self.memory)
-        observed = memory.observed
+        before = observed = memory.observed
         if sensed.restarted:
             observed = observers.restarted(observed)
         if Request.RESET_MODEL in heard.requests:
             observed = observers.forgotten(self.parameters.observers, observed)
         if Condition.HEADING_WRONG in self.verdict.warnings:
             observed = observers.place_forgotten(self.parameters.observers, observed)
-        return memory._replace(observed=observed)
+        return memory if observed is before else memory._replace(observed=observed)
 
     def _believe(self, sensed: Sensed, memory: Memory, known: Known) -> VehicleState:
         """Return all that is believed of the vehicle and what is around it."""

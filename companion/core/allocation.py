@@ -416,9 +416,26 @@ def _balanced(group: Group, t: Four, forces: Four) -> Four:
 
 def _missing(demand: float, force: float) -> tuple[float, float]:
     """Return by how much a motor's push falls short of `force` (N), and the demand per newton around it."""
-    rise = interpolated(demand + SLOPE_STEP, RISING_PUSH) - interpolated(demand - SLOPE_STEP, RISING_PUSH)
-    slope = 2.0 * SLOPE_STEP / (MIN_SLOPE_N if rise < MIN_SLOPE_N else rise)
-    return force - interpolated(demand, RISING_PUSH), slope
+    points, values, slopes = RISING_PUSH
+    low, high = demand - SLOPE_STEP, demand + SLOPE_STEP
+    if not (points[0] < low and high < points[LAST]):
+        rise = interpolated(high, RISING_PUSH) - interpolated(low, RISING_PUSH)
+        push = interpolated(demand, RISING_PUSH)
+    else:
+        i = DEAD_BAND
+        while low < points[i]:
+            i -= 1
+        while low > points[i + 1]:
+            i += 1
+        j = i
+        while demand > points[j + 1]:
+            j += 1
+        k = j
+        while high > points[k + 1]:
+            k += 1
+        rise = values[k] + slopes[k] * (high - points[k]) - (values[i] + slopes[i] * (low - points[i]))
+        push = values[j] + slopes[j] * (demand - points[j])
+    return force - push, 2.0 * SLOPE_STEP / (MIN_SLOPE_N if rise < MIN_SLOPE_N else rise)
 
 
 def _by_motor(rows: tuple[Three, Three, Three, Three], a: Three) -> Four:

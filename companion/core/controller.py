@@ -72,7 +72,8 @@ def step(
     x, y, z, psi = control.axes
     of_x, of_y, of_z, of_psi = memory.axes
     engaged_s = memory.engaged_s + dt_s
-    orders = orders._replace(learns=orders.learns and engaged_s >= control.start_delay_s)
+    if orders.learns and not engaged_s >= control.start_delay_s:
+        orders = orders._replace(learns=False)
 
     aims = (
         axis.aim(X, x, of_x, ahead, target, orders, dt_s),

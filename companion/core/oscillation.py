@@ -114,9 +114,8 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, full: bo
         scale = clamped(QUICK_LEAVES * state.gain_scale, parameters.least, 1.0)
         ceiling = clamped(RELAPSE_SHARE * state.ceiling, parameters.least, 1.0)
         return State(scale, ceiling, slow, 0.0, 0.0, 0.0, fast, 0, swing_s, peak, 0)
-    state = state._replace(slow=slow, swing_s=swing_s, peak=peak, quick=quick)
     if not full:
-        return state._replace(fast=fast)
+        return state._replace(slow=slow, fast=fast, swing_s=swing_s, peak=peak, quick=quick)
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
     share = power / (parameters.limit * parameters.limit)
     violent = share > parameters.violent

@@ -108,7 +108,7 @@ def begin(parameters: Parameters, memory: Memory, known: Known, permission: Perm
         controlled = controller.at_rest(control, ahead.eta, ahead.eta_dot, ahead.disturbance)
     else:
         controlled = controller.caught_up(control, controlled, permission.regained, ahead.eta, ahead.eta_dot)
-    return memory._replace(controlled=controlled)
+    return memory if controlled is memory.controlled else memory._replace(controlled=controlled)
 
 
 def control(

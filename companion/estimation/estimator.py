@@ -204,13 +204,13 @@ class Estimator:
 
     def _inputs(self, now_s: float, delays: Delays, learns: Flags) -> Inputs:
         attitude, timeout_s = self._attitude, self._timeout_s
-        ages_s = [now_s - t_s for t_s in self._measured_t_s]
+        stale = [not now_s - t_s <= most for t_s, most in zip(self._measured_t_s, timeout_s, strict=True)]
         return Inputs(
             now_s=now_s,
             positions=vector(self._positions),
             rates=vector(self._rates),
             begins=vector(self._begins),
-            stale=vector([not a <= b for a, b in zip(ages_s, timeout_s, strict=True)]),
+            stale=vector(stale),
             telemetry_s=delays.telemetry_s,
             command_s=delays.command_s,
             ahead_s=delays.command_s + self._lead_s,

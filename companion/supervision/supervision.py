@@ -105,15 +105,15 @@ class Supervision:
 
 def _found(watched: Watched, state: VehicleState) -> Details:
     """Return what is found of conditions now, and remedies in place of the usual ones."""
-    depth, attitude, pull_n = state.depth_doubt, state.attitude_doubt, watched.pull_n
-    suffices = ""
-    if pull_n >= 1.0:
-        suffices = f"it takes {10.0 * math.ceil(0.1 * pull_n):.0f} N: {C.SATURATED.remedy}"
-    return {
-        C.INTERRUPTED_OFTEN: (watched.interruption, ""),
-        C.DEPTH_DOUBTED: (depth, ""),
-        C.DEPTH_STALE: (depth, C.DEPTH_DOUBTED.remedy if depth else ""),
-        C.ATTITUDE_DOUBTED: (attitude, ""),
-        C.ATTITUDE_STALE: (attitude, C.ATTITUDE_DOUBTED.remedy if attitude else ""),
-        C.SATURATED: ("", suffices),
-    }
+    found = {}
+    if watched.interruption:
+        found[C.INTERRUPTED_OFTEN] = (watched.interruption, "")
+    if depth := state.depth_doubt:
+        found |= {C.DEPTH_DOUBTED: (depth, ""), C.DEPTH_STALE: (depth, C.DEPTH_DOUBTED.remedy)}
+    if attitude := state.attitude_doubt:
+        remedy = C.ATTITUDE_DOUBTED.remedy
+        found |= {C.ATTITUDE_DOUBTED: (attitude, ""), C.ATTITUDE_STALE: (attitude, remedy)}
+    if watched.pull_n >= 1.0:
+        newtons = 10.0 * math.ceil(0.1 * watched.pull_n)
+        found[C.SATURATED] = ("", f"it takes {newtons:.0f} N: {C.SATURATED.remedy}")
+    return found
