@@ -187,15 +187,6 @@ class Load(_Record, frozen=True):
     off_s: NonNegative = 40.0
 
 
-class HeaveForce(_Record, frozen=True):
-    """A scripted vertical force, positive down: constant + Ornstein-Uhlenbeck."""
-
-    enabled: bool = False
-    constant_n: float = 0.0
-    sigma_n: NonNegative = 0.0
-    tau_s: Positive = 2.0
-
-
 class Defects(_Record, frozen=True):
     """What an instrument adds to its reading, in the reading's unit; nothing unless set."""
 
@@ -315,7 +306,6 @@ class SimConfig(_Record, frozen=True):
     tether: Tether = Tether()
     cable: Cable = Cable()
     load: Load = Load()
-    heave_force: HeaveForce = HeaveForce()
     sensors: SensorConfig = SensorConfig()
     rc_receiver: bool = False
     """An RC receiver on the vehicle: the pilot failsafe never fires, overrides end after RC_OVERRIDE_TIME."""

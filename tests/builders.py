@@ -58,3 +58,8 @@ RECORDING = telemetry.Recorder(
     free_bytes=3,
     said="ok",
 )
+
+
+def pulled(newtons):
+    """A steady pull downwards."""
+    return f"tether={{enabled=true, sigma_n=[0, 0, 0], pull_n=[0, 0, {newtons}]}}"

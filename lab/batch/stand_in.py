@@ -248,7 +248,7 @@ def refuse(config: SimConfig) -> None:
     sensors = config.sensors
     if config.thrusters.dry_height_m:
         raise ValueError("thrusters that lose thrust at the surface need the full loop")
-    if config.faults or config.heave_force.enabled or sensors.wave_pressure:
+    if config.faults or sensors.wave_pressure:
         raise ValueError("faults, scripted heave forces and wave pressure need the full loop")
     if sensors.usbl.enabled or sensors.dvl_by_mavlink or sensors.dvl_reports.enabled:
         raise ValueError("a USBL, and a DVL that speaks MAVLink or reports singly, need the full loop")

@@ -1,4 +1,4 @@
-"""What acts from outside: current, waves, seabed, tether, load, a scripted heave force. Seeded; NED; SI."""
+"""What acts from outside: current, waves, seabed, tether and load. Seeded; NED; SI."""
 
 import math
 from bisect import bisect_right
@@ -113,7 +113,7 @@ class Environment:
     """All that the water and what hangs on the vehicle do to it."""
 
     def __init__(self, config: SimConfig, step_s: float, rng: np.random.Generator) -> None:
-        rngs = rng.spawn(4)
+        rngs = rng.spawn(3)
         self.load_on = False
         self._ground = SeabedContact(config.seabed, config.hull.height_m) if config.seabed.enabled else None
         depth_m = config.seabed.depth_m if config.seabed.enabled else math.inf
@@ -127,8 +127,6 @@ class Environment:
             OrnsteinUhlenbeck(sigma if config.tether.enabled else 0.0, config.tether.tau_s, step_s, rngs[2])
             for sigma in config.tether.sigma_n
         ]
-        self._heave = config.heave_force
-        self._heave_noise = OrnsteinUhlenbeck(self._heave.sigma_n, self._heave.tau_s, step_s, rngs[3])
 
     def step(self, t_s: float, since_arming_s: float, state: State) -> tuple[Force, Flow]:
         """Force at the centre of gravity (N) and flow (m/s, m/s²) for one step; both NED.
@@ -151,8 +149,6 @@ class Environment:
         self.load_on = load.enabled and load.on_s <= since_arming_s < load.off_s
         if self.load_on:
             fz += load.weight_n
-        if self._heave.enabled:
-            fz += self._heave.constant_n + self._heave_noise.step()
         if self._cable:
             pull = self._cable.pull(
                 state[:3], ned_velocity(state), self._current.velocity if self._current else _at_rest

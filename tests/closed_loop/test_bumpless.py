@@ -5,7 +5,7 @@ With sensors that carry no noise: that alone makes 2 N a tick (RMS) of any law.
 
 import numpy as np
 import pytest
-from builders import STILL_SENSORS
+from builders import STILL_SENSORS, pulled
 from virtual import Dive, Somebody, active, hold, shared
 
 from companion.config import ConfigError, load_config
@@ -16,7 +16,7 @@ STEP_N = np.array([2.0, 2.0, 2.0, 0.24])
 
 LEARNS = {"network": 160.0, "integrator": 400.0, "predictor": 160.0}
 QUIET = tuple(f"sensors.{noise}=0.0" for noise in STILL_SENSORS)
-PULLED = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=12.0")
+PULLED = (*QUIET, pulled(12))
 
 
 def bump(before, act, seconds=1.0):
@@ -81,7 +81,7 @@ def test_what_is_built_in_cannot_change_while_running():
 
 
 STAY = Setpoint((np.nan,) * 4)
-PULLED_HARD = (*QUIET, "heave_force.enabled=true", "heave_force.constant_n=40.0")
+PULLED_HARD = (*QUIET, pulled(40))
 
 
 @pytest.mark.parametrize(("vehicle", "seconds"), [(QUIET, 1.5), (PULLED, 0.12)], ids=["at rest", "sinking"])

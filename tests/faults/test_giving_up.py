@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders import pulled
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import DEPTH_M, Somebody, active, hold, shared
 
@@ -93,7 +94,7 @@ def test_it_ramps_down_and_rests(act):
 @pytest.mark.parametrize("act", HANDED_OVER, ids=lambda act: act.__name__)
 def test_it_hands_over_through_stabilize(act):
     condition, within_s = HANDED_OVER[act]
-    dive = active("heave_force.enabled=true", "heave_force.constant_n=20", seconds=3.0)
+    dive = active(pulled(20), seconds=3.0)
     conditions = what_ended(dive, act, within_s)
     assert dive.state is State.HAND_OVER
     assert conditions & condition
@@ -280,8 +281,7 @@ def test_a_depth_that_jumped_for_good_is_no_fresh_depth(shown_by_pressure):
 
 def test_thrust_at_its_end_for_long_is_reported_and_nothing_is_learnt():
     dive = active(
-        "heave_force.enabled=true",
-        "heave_force.constant_n=25",
+        pulled(25),
         companion=["thrusters.max_axis=0.25", "supervisor.off_track_s=60"],
         seconds=1.0,
     )

@@ -138,7 +138,7 @@ def sticks_with_dvl():
 
 def leak():
     """Handed over to ALT_HOLD, kept alive there, then the pilot's."""
-    dive = begin("heave_force.enabled=true", companion=("supervisor.keep_alt_hold_s=8",))
+    dive = begin(companion=("supervisor.keep_alt_hold_s=8",))
     dive.run(8.0)
     dive.fault("leak")
     dive.until(State.HAND_OVER)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import STILL_SENSORS
+from builders import STILL_SENSORS, pulled
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import SET_INTERVAL, Station, override, vehicle
 
@@ -40,7 +40,7 @@ def test_both_links_forward_each_others_heartbeats_but_not_steering():
 
 
 def test_without_an_origin_altitudes_are_zero_while_relative_alt_and_climb_are_right():
-    station = Station(vehicle(STEADY, *QUIET, "heave_force={enabled=true, constant_n=5}"))
+    station = Station(vehicle(STEADY, *QUIET, pulled(5)))
     heard = station.run(3.0)
     assert {m.alt for m in heard.of("VFR_HUD")} == {0.0}
     assert {m.alt for m in heard.of("GLOBAL_POSITION_INT")} == {0}
@@ -68,9 +68,7 @@ def test_noise_is_what_was_measured_on_the_firmware():
 def test_depth_is_late_by_its_delay():
     late = []
     for delay in (0.0, 0.1):
-        rov = vehicle(
-            STEADY, *QUIET, f"sensors.depth_delay_s={delay}", "heave_force={enabled=true, constant_n=20}"
-        )
+        rov = vehicle(STEADY, *QUIET, f"sensors.depth_delay_s={delay}", pulled(20))
         station = Station(rov)
         station.command(SET_INTERVAL, 33, 5000).run(4.0)
         late.append(station.run(0.05).last("GLOBAL_POSITION_INT").relative_alt / 1000)
