@@ -167,7 +167,7 @@ def rerun(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Write a report of a recorded dive: warnings, control errors and events."""
+    """Write a report of a recorded dive: warnings, errors, thrust."""
     from lab.report.report import main
 
     return main(argv)

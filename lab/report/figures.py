@@ -1,7 +1,6 @@
-"""What a dive comes to, in figures: phases, thrust, faults, warnings. No drawing."""
+"""What a dive comes to, in figures: phases, errors, thrust, warnings. No drawing."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -71,49 +70,44 @@ class Phase:
     held: list[Holding]
 
 
-@dataclass(frozen=True)
-class DiveFigures:
-    """All of it."""
-
-    warnings: list[str]
-    """What a pilot reads first."""
-    older: list[str]
-    """Warnings from before the recording began."""
-    phases: list[Phase]
-    depth_max_m: float
-
-    @property
-    def columns(self) -> dict[str, Phase]:
-        """The phases by their names in a table."""
-        return {f"phase {number}": phase for number, phase in enumerate(self.phases, 1)}
-
-    @property
-    def longest(self) -> Phase | None:
-        """The phase that lasted longest; None where there is none."""
-        return max(self.phases, key=lambda phase: phase.end_s - phase.begin_s, default=None)
-
-
-def figures(log: Log) -> DiveFigures:
-    """Work it out."""
+def phases(log: Log) -> list[Phase]:
+    """Return each engaged interval; of a dive that never engaged each flight mode."""
     engaged = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
-    phases: list[Phase] = []
-    for span in engaged or _modes(log):
-        held = [figure for dof in AXES if (figure := _held(log, span, dof, bool(engaged))) is not None]
-        phases.append(Phase("Holdfast" if engaged else span.state, span.begin_s, span.end_s, held))
-    never = [] if engaged else ["it never engaged: errors are about the mean of each flight mode"]
-    depth_m = log.keys["state"]["depth_m"]
-    return DiveFigures(
-        warnings=[*_warnings(log, since_s=0.0), *_lost(log), *log.notes, *never],
-        older=_warnings(log, since_s=-math.inf, until_s=0.0),
-        phases=phases,
-        depth_max_m=float(np.nanmax(depth_m)) if np.isfinite(depth_m).any() else math.nan,
-    )
+    return [
+        Phase(
+            mode="Holdfast" if engaged else span.state,
+            begin_s=span.begin_s,
+            end_s=span.end_s,
+            held=[figure for dof in AXES if (figure := _held(log, span, dof, bool(engaged))) is not None],
+        )
+        for span in engaged or _modes(log)
+    ]
 
 
-def faults_of(spans: Sequence[StateSpan]) -> list[StateSpan]:
-    """Return each fault once, as the log of `holdfast run` has it: a gap in the recording ends none."""
-    previous = ["", *(span.state for span in spans)]
-    return [span for span, state in zip(spans, previous, strict=False) if span.state == "FAULT" != state]
+def warnings(log: Log) -> list[str]:
+    """Return what a pilot reads first: what was said since the recording began, and what was lost."""
+    times: dict[str, list[float]] = {}
+    for at_s, event in log.events:
+        if event.severity != "info" and at_s >= 0.0:
+            times.setdefault(f"{event.severity} ({event.kind}): {event.text}", []).append(at_s)
+    said = [
+        f"{text}, at {seen_s[0]:.1f} s"
+        + (f", {len(seen_s)} times until {seen_s[-1]:.1f} s" if len(seen_s) > 1 else "")
+        for text, seen_s in times.items()
+    ]
+    loop = log.keys["loop"]
+    steps = np.diff(loop["tick"])
+    lost = {
+        "messages were dropped by the recorder": log.dropped,
+        "ticks were left out by the loop, which was late": np.clip(
+            np.diff(loop["late_ticks"]), 0, None
+        ).sum(),
+        "ticks are missing in the file": np.clip(steps - 1, 0, None)[steps > 0].sum(),
+    }
+    said += [f"{count:.0f} {what}" for what, count in lost.items() if count] + log.notes
+    if not any(span.state == "ACTIVE" for span in log.spans):
+        said.append("it never engaged: errors are about the mean of each flight mode")
+    return said
 
 
 def error(log: Log, dof: str, begin_s: float, end_s: float, *, engaged: bool = True) -> tuple[Array, Array]:
@@ -128,12 +122,6 @@ def error(log: Log, dof: str, begin_s: float, end_s: float, *, engaged: bool = T
     return state["at_s"], apart if engaged else apart - _mean(apart)
 
 
-def time_text(seconds: float) -> str:
-    """Return a time in words."""
-    minutes, rest = divmod(seconds, 60.0)
-    return f"{seconds:.1f} s" if seconds < 60.0 else f"{minutes:.0f} min {rest:02.0f} s"
-
-
 def _modes(log: Log) -> list[StateSpan]:
     """Return the intervals in which the vehicle was armed in one flight mode."""
     state = log.keys["state"]
@@ -146,31 +134,6 @@ def _modes(log: Log) -> list[StateSpan]:
             name = MODE_NAMES.get(int(mode[first]), f"mode {mode[first]:.0f}")
             spans.append(StateSpan(name, begin_s, end_s, ""))
     return spans
-
-
-def _warnings(log: Log, since_s: float, until_s: float = math.inf) -> list[str]:
-    faults = [span for span in faults_of(log.spans) if since_s <= span.begin_s < until_s]
-    said = [f"FAULT at {time_text(span.begin_s)}: {span.reason}" for span in faults]
-    times: dict[str, list[float]] = {}
-    for at_s, event in log.events:
-        if event.severity != "info" and since_s <= at_s < until_s:
-            times.setdefault(f"{event.severity} ({event.kind}): {event.text}", []).append(at_s)
-    for text, seen_s in times.items():
-        again = f", {len(seen_s)} times until {time_text(seen_s[-1])}" if len(seen_s) > 1 else ""
-        said.append(f"{text}, at {time_text(seen_s[0])}{again}")
-    return said
-
-
-def _lost(log: Log) -> list[str]:
-    loop = log.keys["loop"]
-    steps = np.diff(loop["tick"])
-    late = np.clip(np.diff(loop["late_ticks"]), 0, None).sum()
-    lost = {
-        "messages were dropped by the recorder": log.dropped,
-        "ticks were left out by the loop, which was late": late,
-        "ticks are missing in the file": np.clip(steps - 1, 0, None)[steps > 0].sum(),
-    }
-    return [f"{count:.0f} {what}" for what, count in lost.items() if count]
 
 
 def _held(log: Log, span: StateSpan, dof: str, engaged: bool) -> Holding | None:

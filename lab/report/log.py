@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.schemas import Event, Plan, Record, Recorder, Supervisor
+from companion.telemetry.schemas import Event, Record, Recorder, Supervisor
 from dashboard.recording.mcap_file import Reader
 
 Array = NDArray[np.float64]
@@ -17,11 +17,8 @@ Columns = NDArray[np.void]
 """A column for each number of a key, and `at_s` since the recording began; NaN where it was not finite."""
 RecordT = TypeVar("RecordT", bound=Record)
 GAP_S = 2.0
-SAME_TICK_S = 1e-3
-"""Samples of one tick have one time."""
 ABSURD = 1e12
 """No number of a dive is larger: it was spoiled, and counts as absent."""
-ANGLES = ("heading", "heading_desired", "roll", "pitch")
 
 
 @dataclass(frozen=True)
@@ -43,9 +40,8 @@ class Log:
     keys: dict[str, Columns]
     spans: list[StateSpan]
     events: list[tuple[float, Event]]
-    plans: list[Plan]
     dropped: int
-    metadata: dict[str, dict[str, str]]
+    software: str
     notes: list[str]
 
     @property
@@ -55,30 +51,8 @@ class Log:
 
     def engaged(self, at_s: Array) -> NDArray[np.bool_]:
         """Tell for each time whether the supervisor's state was ACTIVE."""
-        on = np.zeros(at_s.size, np.bool_)
-        for span in self.spans:
-            if span.state == "ACTIVE":
-                on |= (at_s >= span.begin_s) & (at_s < span.end_s)
-        return on
-
-    def ticks(self) -> dict[str, Array | list[str]]:
-        """Return columns with a row for each tick: `at_s`, then KEY/FIELD, angles in degrees too.
-
-        `supervisor/state` is text; the rest are numbers, NaN where a sample or its field is missing.
-        """
-        state = self.keys["state"]
-        at_s = state["at_s"]
-        states = [
-            next((span.state for span in self.spans if span.begin_s <= t_s <= span.end_s), "") for t_s in at_s
-        ]
-        columns: dict[str, Array | list[str]] = {"at_s": at_s, "supervisor/state": states}
-        columns |= {f"degrees/{angle}": np.degrees(state[f"{angle}_rad"]) for angle in ANGLES}
-        for key, samples in self.keys.items():
-            rows = np.searchsorted(samples["at_s"], at_s - SAME_TICK_S).clip(0, samples.size - 1)
-            there = np.abs(samples["at_s"][rows] - at_s) < SAME_TICK_S
-            for name in (samples.dtype.names or ())[1:]:
-                columns[f"{key}/{name}"] = np.where(there, samples[name][rows], np.nan)
-        return columns
+        active = [span for span in self.spans if span.state == "ACTIVE"]
+        return np.array([any(span.begin_s <= t_s < span.end_s for span in active) for t_s in at_s], np.bool_)
 
 
 def between(columns: Columns, begin_s: float, end_s: float) -> Columns:
@@ -92,7 +66,7 @@ def load(files: Sequence[Path]) -> Log:
     Raises ValueError where there is no dive in them, OSError.
     """
     rows: dict[str, list[tuple[int, Record]]] = {}
-    vehicle, metadata, notes = "", dict[str, dict[str, str]](), list[str]()
+    vehicle, software, notes = "", "", list[str]()
     for file in sorted(files):
         reader = Reader(file)
         for item in reader:
@@ -104,7 +78,10 @@ def load(files: Sequence[Path]) -> Log:
                 rows.setdefault(tail, []).append((item.log_ns, telemetry.decode(item.key, item.payload)))
             except (ValueError, RecursionError) as error:
                 notes = notes or [f"left out what could not be read, such as {error}"]
-        metadata = {**reader.metadata, **metadata}
+        about = reader.metadata.get("holdfast", {})
+        software = (
+            software or f"Holdfast {about.get('holdfast', 'of unknown version')}, {about.get('git', '')[:18]}"
+        )
         if not reader.whole:
             notes.append(f"{file.name} was cut: {reader.lost_bytes} bytes at its end are lost")
     if lacking := [tail for tail in telemetry.EVERY_TICK if not rows.get(tail)]:
@@ -122,9 +99,8 @@ def load(files: Sequence[Path]) -> Log:
         keys={tail: _columns(timed(tail, Record)) for tail in numbers},
         spans=_spans(timed("supervisor", Supervisor)),
         events=timed("event", Event),
-        plans=[plan for _, plan in timed("plan", Plan)],
         dropped=max((status.dropped for _, status in timed("recorder", Recorder)), default=0),
-        metadata=metadata,
+        software=software,
         notes=notes,
     )
 
@@ -132,11 +108,11 @@ def load(files: Sequence[Path]) -> Log:
 def _columns(samples: list[tuple[float, Record]]) -> Columns:
     first = samples[0][1]
     names = [name for name in first.__struct_fields__ if isinstance(getattr(first, name), int | float)]
-    rows = [
-        (at_s, *(np.nan if name in record.absent else getattr(record, name) for name in names))
-        for at_s, record in samples
-    ]
-    columns = np.array(rows, [(name, float) for name in ("at_s", *names)])
+
+    def row(at_s: float, record: Record) -> tuple[float, ...]:
+        return (at_s, *(np.nan if name in record.absent else getattr(record, name) for name in names))
+
+    columns = np.array([row(*sample) for sample in samples], [(name, float) for name in ("at_s", *names)])
     for name in names:
         columns[name][np.abs(columns[name]) > ABSURD] = np.nan
     _, once = np.unique(columns["at_s"], return_index=True)  # a sample may have come twice

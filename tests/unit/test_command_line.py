@@ -13,8 +13,6 @@ import pytest
 import holdfast
 from companion.app import parting
 from companion.config import load_config as load_companion
-from lab.report.figures import faults_of
-from lab.report.log import StateSpan
 from sim_bridge.commands import vehicle_file
 from sim_bridge.config import load_config
 
@@ -179,12 +177,6 @@ def test_a_port_that_is_taken_is_named(command, capsys, caplog):
 def test_a_folder_for_figures_that_cannot_be_is_refused_before_hours_pass(capsys):
     assert holdfast.main(["lab", "bench", "--json", "/proc/nowhere/figures.json"]) == 2
     assert capsys.readouterr().err == "holdfast lab bench: /proc/nowhere: No such file or directory\n"
-
-
-def test_a_fault_that_lasts_over_a_gap_in_the_recording_is_one():
-    states = ("READY", "ACTIVE", "FAULT", "FAULT", "IDLE", "FAULT")
-    spans = [StateSpan(state, float(i), i + 0.5, "") for i, state in enumerate(states)]
-    assert [span.begin_s for span in faults_of(spans)] == [2.0, 5.0]
 
 
 def test_vehicle_means_the_preset_and_name_the_name_in_run_and_sim_alike(capsys, monkeypatch):

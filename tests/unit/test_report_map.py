@@ -1,7 +1,6 @@
 """The report's map shows what is known of places, and nothing where a recording has a gap."""
 
 import numpy as np
-from builders import plan
 from matplotlib.figure import Figure
 
 from lab.report.log import Log, StateSpan
@@ -13,16 +12,15 @@ AT_S = (0.0, 1.0, 2.0, 60.0, 61.0)
 def _log() -> Log:
     names = ("at_s", "x_m", "y_m", "x_desired_m", "y_desired_m")
     state = np.array([(t_s, i, i, i, i) for i, t_s in enumerate(AT_S)], [(name, float) for name in names])
-    one = plan(x_m=(0.0, 4.0))
     spans = [StateSpan("ACTIVE", 1.0, 61.5, "engaged")]
-    return Log("kelp", 0, {"state": state}, spans, [], [one], 0, {}, [])
+    return Log("kelp", 0, {"state": state}, spans, [], 0, "", [])
 
 
-def test_a_map_shows_trail_reference_and_path() -> None:
+def test_a_map_shows_trail_and_reference() -> None:
     panel = Figure().subplots()
     draw_map(panel, _log())
     lines = {line.get_label(): line for line in panel.get_lines()}
-    assert set(lines) == {"path line", "reference", "estimate"}
+    assert set(lines) == {"reference", "estimate"}
     estimate, reference = lines["estimate"].get_ydata(), lines["reference"].get_ydata()
     np.testing.assert_array_equal(estimate, [0.0, 1.0, np.nan, 3.0, 4.0])  # no line through the gap
     np.testing.assert_array_equal(reference, [np.nan, 1.0, np.nan, 3.0, 4.0])
