@@ -35,9 +35,9 @@ from companion.mavlink.timestamps import timestamps_of
 from companion.predive.table import as_json
 from companion.records import ZERO, Condition, ControlSample, DiveTotals, LoopHealth, Request, Setpoint
 from companion.steps import Task
-from companion.telemetry.commands import SetPath
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised, on_engaging, whole
+from companion.telemetry.operator_commands import SetPath
 from companion.telemetry.schemas import Choices, Event, Plan, Raw, Start
 from companion.telemetry.status_line import status_line
 from holdfast import own_version, version

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from holdfast import RefusedError, files
-from holdfast.arguments import command_parser, position
+from holdfast.command_line import command_parser, position
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from companion.config import Config, VehicleFile
-    from companion.identify.samples import Table
+    from companion.identify.sample_table import Table
 
     Conclude = Callable[[Table, VehicleFile, Path, Sequence[int]], int]
 

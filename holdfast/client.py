@@ -10,8 +10,8 @@ from functools import partial
 from typing import cast
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS
 from companion.telemetry.glossary import ENDPOINT
+from companion.telemetry.operator_commands import COMMANDS
 from companion.telemetry.schemas import Reply, Schema, State
 from dashboard.whom import heard
 from dashboard.zenoh_client import Subscription

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from holdfast import DONE, FAILED, RefusedError
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 
 EXAMPLES = """\
 examples:

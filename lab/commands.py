@@ -4,12 +4,12 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 from lab.options import json_file
 
 BENCHES = {
     "dives": "lab.studies.dives:Dives",
-    "position": "lab.studies.position:Courses",
+    "position": "lab.studies.places:Courses",
     "corners": "lab.studies.corners:Corners",
     "reality": "lab.studies.reality:Reality",
     "prediction": "lab.studies.prediction:Prediction",
@@ -146,13 +146,13 @@ def campaign(argv: list[str]) -> int:
 
 def faults(argv: list[str]) -> int:
     """Inject faults into thousands of simulated dives, and check every tick."""
-    return _study("lab.studies.faults:FaultDives", argv, FAULTS_EXAMPLES)
+    return _study("lab.studies.fault_dives:FaultDives", argv, FAULTS_EXAMPLES)
 
 
 def identify(argv: list[str]) -> int:
     """Measure a vehicle by moving it, or from logs, and write its file."""
     from companion.commands import identify as move
-    from lab.identify.command import conclude, main
+    from lab.identify.identify_command import conclude, main
 
     if any(argument.partition("=")[0] in ("--from", "--test") for argument in argv):
         return main(argv)

@@ -13,8 +13,8 @@ import msgspec
 from companion.config import AxisSection, Config, Section, YawModel
 from companion.records import AXES
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import UNITS, Field, fields_of
+from companion.telemetry.operator_commands import COMMANDS
 from companion.telemetry.schemas import Choices, Raw, Record, Reply, Truth
 from lab import results_page, supervisor_page
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from holdfast import own_version
-from lab.sources import ROOT, measured_code
+from lab.measured_sources import ROOT, measured_code
 
 FOLDER = ROOT / "docs" / "results"
 PAGE = FOLDER.with_suffix(".md")

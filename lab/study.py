@@ -35,11 +35,11 @@ from rich.progress import (
 from rich.table import Table
 
 from holdfast import FAILED, RefusedError, own_version
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 from holdfast.version import revision
 from lab.loop.firmware import FirmwareError
+from lab.measured_sources import PROGRAMS, digest_of, measured_code
 from lab.options import find_firmware, positive
-from lab.sources import PROGRAMS, digest_of, measured_code
 from lab.tables import add_files, plain, write_json, write_table
 
 CODE = (*PROGRAMS, "lab/**/*.py", "lab/**/*.toml")

@@ -9,9 +9,9 @@ from pathlib import Path
 from companion.config import SupervisorLimits, load_config
 from companion.core import tilt
 from companion.records import ENGAGE_S, Condition, State
-from companion.supervision.conditions import BLOCKING, FREEZES, MOST_LOST, SAMPLE_S, WARNS
 from companion.supervision.handover import KEEP_ALIVE_S, REFUSED_S, SETTLE_S
 from companion.supervision.monitor import RECOVERS_PER_S, STEADY_S
+from companion.supervision.rules import BLOCKING, FREEZES, MOST_LOST, SAMPLE_S, WARNS
 from companion.supervision.supervisor import RESUME_S, transition
 from companion.telemetry.glossary import COURSES, STATES, title
 

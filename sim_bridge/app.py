@@ -19,10 +19,10 @@ from typing import cast
 from msgspec.structs import replace
 
 from holdfast import port_taken
-from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 from sim_bridge.zenoh_link import ZenohLink
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.arguments import address, command_parser
+from holdfast.command_line import address, command_parser
 
 if TYPE_CHECKING:
     from sim_bridge.fault_kinds import Fault
@@ -64,7 +64,7 @@ def sim(argv: list[str]) -> int:
     from msgspec.structs import replace
 
     from sim_bridge.app import Settings, run
-    from sim_bridge.config import load_config
+    from sim_bridge.sim_config import load_config
 
     config = load_config(arguments.config, arguments.set)
     config = replace(config, faults=(*config.faults, *arguments.fault))
@@ -164,7 +164,7 @@ def vehicle_file(text: str) -> Path:
 
 
 def _fault(text: str) -> "Fault":
-    from sim_bridge.config import ConfigError, fault_of
+    from sim_bridge.sim_config import ConfigError, fault_of
 
     try:
         return fault_of(text)

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from sim_bridge.fault_kinds import Fault
-from sim_bridge.firmware.frames import Message
+from sim_bridge.firmware.packing import Message
 from sim_bridge.firmware.params import DEFAULTS
 from sim_bridge.physics.thrusters import Eight
 

@@ -7,16 +7,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.faults import Faults
-from sim_bridge.firmware.autopilot import INPUT_PERIOD_S, Autopilot
+from sim_bridge.firmware.input_loop import INPUT_PERIOD_S, Autopilot
 from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.physics.body import STEP_S, Physics
 from sim_bridge.physics.plant import Body, Six, State, Three, disturbance, euler
 from sim_bridge.physics.rangefinder import RangeFault
 from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA, Sensors
+from sim_bridge.sim_config import SimConfig
 
 SLOW_PERIOD_STEPS = 20
 

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sim_bridge.config import SensorConfig
-from sim_bridge.firmware.autopilot import Autopilot
+from sim_bridge.firmware.input_loop import Autopilot
 from sim_bridge.firmware.link import KeyStore, Link
 from sim_bridge.firmware.params import Parameters
 from sim_bridge.physics.plant import GRAVITY, rotation
 from sim_bridge.physics.sensors import Sensors
+from sim_bridge.sim_config import SensorConfig
 
 STEP_S = 0.0025
 WRONG = os.environ.get("FAKE_ARDUSUB", "")

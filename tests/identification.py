@@ -14,11 +14,11 @@ from companion.identify.fit import Fit
 from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre
 from companion.identify.manoeuvre import SETTLE_S as REST_S
 from companion.identify.model import LAG, LINEAR, MASS, QUADRATIC, WEIGHT
-from companion.identify.samples import in_order
+from companion.identify.sample_table import in_order
 from companion.records import AXES, PSI, Array, Request, Setpoint, Y, Z
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
-from sim_bridge.config import SimConfig
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle
 
 AXIS_OF_BODY = (0, 1, 2, 5)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.config import load_config
+from sim_bridge.sim_config import load_config
 from sim_bridge.vehicle import Vehicle
 
 CONFIG = Path(__file__).parent.parent / "config" / "sim.toml"

@@ -3,9 +3,9 @@
 import numpy as np
 from sim_wire import CONFIG
 
-from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix, motor_pwm
 from sim_bridge.physics.thrusters import each_motor, static_thrust, thrusters_of, wrench
+from sim_bridge.sim_config import load_config
 
 FRAMES = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
 

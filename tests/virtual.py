@@ -19,8 +19,8 @@ from companion.records import ZERO, Request, Setpoint, State
 from lab.loop.firmware import Firmware
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep, Step
 from lab.studies.promises import Promises
-from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 ROOT = Path(__file__).parent.parent

@@ -14,7 +14,7 @@ from companion.guidance.paths.time_law import REFERENCE_LAG_S, PathLimits, TimeL
 from companion.guidance.target import UNSET, from_here, known
 from companion.records import ZERO, Setpoint, Vector, chosen, vector
 from companion.steps import finish
-from companion.telemetry.commands import Follow, Goto, in_words
+from companion.telemetry.operator_commands import Follow, Goto, in_words
 
 FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""

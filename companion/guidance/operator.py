@@ -13,7 +13,7 @@ from companion.guidance.paths.shapes import Path
 from companion.guidance.sources import Sources
 from companion.guidance.target import UNSET, known
 from companion.records import PSI, X, Y, Z, chosen
-from companion.telemetry.commands import Goto, SetPath, SetVelocity
+from companion.telemetry.operator_commands import Goto, SetPath, SetVelocity
 
 
 def take(order: Order, sources: Sources, now_s: float, reference: Reference) -> None:

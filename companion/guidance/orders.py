@@ -10,7 +10,7 @@ from companion.guidance.paths.shapes import Path, building
 from companion.guidance.paths.time_law import limits
 from companion.records import LEVEL, Angles, Vector
 from companion.steps import Steps
-from companion.telemetry.commands import (
+from companion.telemetry.operator_commands import (
     Follow,
     Goto,
     Payload,

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import VehicleFile
-from companion.identify import model, tilt
+from companion.identify import model, tilt_fit
 from companion.identify.least_squares import Bounds, Solution, jackknife
 from companion.identify.model import Track, parameters
-from companion.identify.samples import NoDiveError
+from companion.identify.sample_table import NoDiveError
 from companion.records import AXES, PSI, Array, X, Y
 
 START_SIZES: Final = (0.5, 1.0, 2.5)
@@ -151,7 +151,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
         unexplained=tuple(model.unexplained(tracks, theta)[-1].tolist()),
         unexplained_before=tuple(model.unexplained(tracks, before)[-1].tolist()),
         doubtful=doubtful,
-        tilt=tilt.fit(tracks, theta),
+        tilt=tilt_fit.fit(tracks, theta),
         manoeuvre=excited is not None,
     )
 
@@ -242,7 +242,7 @@ def vehicle(found: Fit, base: VehicleFile) -> tuple[VehicleFile, dict[str, str]]
             notes[f"{section}.{key}"] = f"sd {sigma:.2g}{apart}"
         else:
             notes[f"{section}.{key}"] = f"not identified; found {value:.3g}, sd {sigma:.2g}"
-    notes |= {f"levelling.{key}": "not identified" for key in tilt.NAMES}
+    notes |= {f"levelling.{key}": "not identified" for key in tilt_fit.NAMES}
     for key, (value, sigma) in found.tilt.items():
         table["levelling"][key] = float(f"{value:.3g}")
         notes[f"levelling.{key}"] = f"sd {sigma:.2g}"

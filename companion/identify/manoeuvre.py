@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from companion.core.bounds import wrap
 from companion.engine import Engine
-from companion.identify.samples import Streams
+from companion.identify.sample_table import Streams
 from companion.records import (
     AXES,
     DOFS,

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from companion.config import VehicleFile
 from companion.core.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
 from companion.identify.least_squares import Bounds, Residuals, Solution, least_squares
-from companion.identify.samples import STEP_S, Table
+from companion.identify.sample_table import STEP_S, Table
 from companion.records import AXES, Array
 
 TICK_S: Final = 0.02

@@ -35,9 +35,9 @@ from companion.records import (
     vector,
 )
 from companion.steps import Task
-from companion.telemetry import commands
-from companion.telemetry.commands import Payload, in_words, named, parse
+from companion.telemetry import operator_commands as commands
 from companion.telemetry.glossary import HOLD_HERE, NOBODY, on_engaging, text
+from companion.telemetry.operator_commands import Payload, in_words, named, parse
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import left_text
 
@@ -302,7 +302,10 @@ class CommandQueue:
             if faulty and not late:
                 return None
             return Reply(done=not faulty, said=f"{'refused' if faulty else 'cleared'}. {is_now}", value=value)
-        if isinstance(payload, commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity):
+        if isinstance(
+            payload,
+            commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity,
+        ):
             return self._guided(engine, sample, value)
         if isinstance(payload, commands.SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")

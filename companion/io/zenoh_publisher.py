@@ -26,7 +26,7 @@ from companion.io.beside import Beside
 from companion.io.command_queue import ReceivedCommand
 from companion.records import ControlSample
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS
+from companion.telemetry.operator_commands import COMMANDS
 from companion.telemetry.samples import encode
 from companion.telemetry.session import RETRY_S, SessionThread, configuration
 from holdfast import RefusedError

@@ -14,7 +14,7 @@ from companion.mavlink.frames import frame_at
 from companion.mavlink.freshness import Freshness
 from companion.mavlink.link_maintenance import LinkMaintenance
 from companion.mavlink.messages import Message, message_name
-from companion.mavlink.pilot import pilot_events
+from companion.mavlink.pilot_frames import pilot_events
 from companion.mavlink.signing import Signing
 from companion.mavlink.streams import streams
 from companion.records import (

@@ -29,7 +29,7 @@ from companion.mavlink.ardusub import (
 )
 from companion.mavlink.freshness import MESSAGES
 from companion.mavlink.messages import CHUNK_CHARS, Message
-from companion.mavlink.pilot import override_deflection
+from companion.mavlink.pilot_frames import override_deflection
 from companion.records import Event, LinkCounters
 from companion.telemetry.schemas import printable
 

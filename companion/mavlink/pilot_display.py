@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.messages import CHUNK_CHARS, Message, message_type
-from companion.mavlink.pilot import COMMAND_ACK
+from companion.mavlink.pilot_frames import COMMAND_ACK
 from companion.records import (
     AttitudeTarget,
     Condition,

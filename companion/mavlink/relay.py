@@ -20,7 +20,7 @@ from companion.mavlink.ardusub import NS_PER_S
 from companion.mavlink.codec import addresses_us
 from companion.mavlink.frames import HEADERS_OF_BOTH, Splitter, WireFrame, leading_frames
 from companion.mavlink.inbox import MAX_BYTES, MAX_LOOKS
-from companion.mavlink.pilot import TARGETS, override_deflection
+from companion.mavlink.pilot_frames import TARGETS, override_deflection
 from companion.mavlink.signing import Signing
 from companion.records import Sender
 

@@ -16,7 +16,7 @@ from companion.mavlink.ardusub import FRAMES
 from companion.mavlink.streams import SLOW_SHARE
 from companion.predive.survey import NotReportedError, Observed
 from companion.records import Condition, Z
-from companion.supervision.conditions import BLOCKING, NOTHING, RESET_SETTLE_S
+from companion.supervision.rules import BLOCKING, NOTHING, RESET_SETTLE_S
 from companion.supervision.situation import (
     depth_is_fresh,
     ekf_is_doubtful,

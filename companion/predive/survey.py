@@ -23,7 +23,7 @@ from companion.records import (
     StatusText,
     VehicleState,
 )
-from companion.supervision.conditions import NOTHING
+from companion.supervision.rules import NOTHING
 from companion.telemetry.modes import FAILSAFE
 
 YAW_ALIGNMENT = "yaw alignment complete"

@@ -72,7 +72,7 @@ from companion.records.state import (
     VehicleModel,
     VehicleState,
 )
-from companion.records.tick import (
+from companion.records.tick_record import (
     ENGAGE_S,
     ControlSample,
     DiveTotals,

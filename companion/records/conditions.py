@@ -8,7 +8,7 @@ class Condition(IntFlag):
     """What the supervisor tests every tick, one bit each; what comes first causes what comes later.
 
     Log, events, screens, documents and the reasons of states have these words;
-    `companion.supervision.conditions` has the tests.
+    `companion.supervision.rules` has the tests.
     """
 
     text: str

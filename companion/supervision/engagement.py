@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from companion.records import ENGAGE_S, Condition, Event, Parameter, Request, State, Verdict
-from companion.supervision.conditions import BLOCKING
+from companion.supervision.rules import BLOCKING
 from companion.supervision.supervisor import FAULT_CAUSES, JUST_STARTED, first_remedy
 from companion.telemetry.glossary import ENGAGE, NO_DETAILS, Details, advised, text
 from companion.telemetry.modes import Mode

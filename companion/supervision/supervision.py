@@ -8,10 +8,10 @@ from collections.abc import Mapping
 
 from companion.config import Config
 from companion.records import Condition, State, VehicleState, Verdict
-from companion.supervision.conditions import assess
 from companion.supervision.engagement import Engagement
 from companion.supervision.flight_mode import STEERING_MODES, FlightMode
 from companion.supervision.monitor import Monitor
+from companion.supervision.rules import assess
 from companion.supervision.situation import Observation, Situation, Watched
 from companion.supervision.supervisor import JUST_STARTED, StateMachine
 from companion.telemetry.glossary import Details

@@ -1,4 +1,4 @@
-"""The state machine that decides who may steer, by the tables of `conditions.py`.
+"""The state machine that decides who may steer, by the tables of `rules.py`.
 
 Permission is tested before the law (`StateMachine.step`), and again last, before the bytes (`guard`). The
 default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
@@ -12,7 +12,7 @@ Holdfast cannot continue, but the autopilot's depth hold can.
 from functools import cache
 
 from companion.records import Condition, State, Verdict
-from companion.supervision.conditions import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
+from companion.supervision.rules import BLOCKING, FREEZES, NOTHING, TRANSITIONS, WARNS, Transition
 from companion.telemetry.glossary import NO_DETAILS, STATES, UNSAID, Details, awaited, detailed
 
 C, S = Condition, State

@@ -9,5 +9,5 @@
 
 A new field touches `schemas`, the record that has it (companion.records) and what computes it; a key of the
 configuration companion.config and its user (tuned live: `commands` too); a
-condition companion.records.conditions, companion.supervision.conditions and a test. The rest is generated.
+condition companion.records.conditions, companion.supervision.rules and a test. The rest is generated.
 """

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from companion.records import Condition, ControlSample, FrameShift, State, Verdict
-from companion.telemetry.commands import CommandResult
 from companion.telemetry.glossary import (
     DEAD_MOTOR,
     HOLD_HERE,
@@ -17,6 +16,7 @@ from companion.telemetry.glossary import (
     course,
     on_engaging,
 )
+from companion.telemetry.operator_commands import CommandResult
 from companion.telemetry.repeats import Repeats, cause
 from companion.telemetry.schemas import Event, Kind, printable
 

@@ -14,7 +14,7 @@ import msgspec
 from companion.telemetry.degrees import Degrees, metres
 from companion.telemetry.plan import PathPlan
 from holdfast import files, validation
-from holdfast.arguments import located
+from holdfast.command_line import located
 
 LOG = logging.getLogger("holdfast")
 NAV_WAYPOINT, LAST_NAV, CHANGE_SPEED = 16, 95, 178

@@ -24,7 +24,7 @@ from dashboard.arguments import MB, add_connect, until_ended
 from dashboard.recording.mcap_file import repair
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from holdfast import DONE, REFUSED, RefusedError, files, own_version
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 from holdfast.version import revision
 
 QUEUE_BYTES = 1 << 26

@@ -14,7 +14,7 @@ from companion.telemetry.session import client_configuration, configuration
 from dashboard.arguments import add_connect, until_ended
 from dashboard.recording.mcap_file import MAX_CHANNELS, Reader
 from holdfast import DONE, FAILED, REFUSED
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 
 EXAMPLES = """\
 examples:

@@ -8,11 +8,11 @@ from pathlib import Path
 import msgspec
 
 from companion.telemetry import path_files
-from companion.telemetry.commands import Goto
 from companion.telemetry.fields import fields_of
+from companion.telemetry.operator_commands import Goto
 from dashboard.arguments import add_connect
 from dashboard.terminal.tell import add_vehicle, send
-from holdfast.arguments import command_parser, position
+from holdfast.command_line import command_parser, position
 
 GOTO_EXAMPLES = """\
 examples:

@@ -9,14 +9,14 @@ from typing import Any
 import msgspec
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import whole
+from companion.telemetry.operator_commands import COMMANDS
 from companion.telemetry.schemas import printable
 from dashboard.arguments import PATIENCE_S, add_connect
 from dashboard.whom import heard, wait
 from dashboard.zenoh_client import Subscription
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 
 KNOWN = (*COMMANDS, "config")
 

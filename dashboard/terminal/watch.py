@@ -30,9 +30,9 @@ from companion.telemetry.glossary import (
 from companion.telemetry.modes import MODE_NAMES
 from companion.telemetry.schemas import ENDPOINT, Dof, Event, State, Supervisor, printable
 from dashboard.arguments import PATIENCE_S, WHERE, add_connect
-from dashboard.vehicles import Fleet, Vehicle
+from dashboard.heard_vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Subscription
-from holdfast.arguments import command_parser
+from holdfast.command_line import command_parser
 
 EXAMPLES = f"""\
 examples:

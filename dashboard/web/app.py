@@ -13,9 +13,9 @@ import msgspec
 from aiohttp import WSCloseCode, web
 
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import MAX_BYTES, parse
+from companion.telemetry.operator_commands import MAX_BYTES, parse
 from companion.telemetry.schemas import Plan
-from dashboard.vehicles import MOST_VEHICLES, Vehicle
+from dashboard.heard_vehicles import MOST_VEHICLES, Vehicle
 from dashboard.web import cockpit, connections, gate, vocabulary
 from dashboard.web.connections import Connection, most_crowded
 from dashboard.web.fleet import Histories, VehicleHistory

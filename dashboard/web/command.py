@@ -16,7 +16,7 @@ from dashboard.arguments import WHERE, add_connect
 from dashboard.web import connections
 from dashboard.web.app import Dashboard
 from holdfast import files, port_taken
-from holdfast.arguments import address, command_parser
+from holdfast.command_line import address, command_parser
 
 SHORTEST_TOKEN = 16  # 64 bits in hex digits
 

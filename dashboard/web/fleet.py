@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import on_engaging, on_page
 from companion.telemetry.schemas import EVERY_TICK, Choices, Dof, Event, Loop, Plan, Recorder, Schema
-from dashboard.vehicles import Fleet, Vehicle
+from dashboard.heard_vehicles import Fleet, Vehicle
 from dashboard.web.rows import Ring, empty_row, fill, fill_truth
 from dashboard.zenoh_client import Message
 

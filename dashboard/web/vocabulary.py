@@ -3,10 +3,10 @@
 import msgspec
 
 from companion.telemetry import glossary
-from companion.telemetry.commands import COMMANDS
 from companion.telemetry.fields import fields_of
 from companion.telemetry.glossary import ENDED
 from companion.telemetry.modes import MODE_NAMES
+from companion.telemetry.operator_commands import COMMANDS
 
 SHARED = (
     *("DEAD_MOTOR", "REVERSED_MOTOR", "ELSEWHERE", "LATE"),

@@ -17,7 +17,7 @@ from lab.batch.loop import dive
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
 from lab.loop.dive import rms
 from lab.loop.scenarios import SETTLE_S
-from sim_bridge.config import SimConfig
+from sim_bridge.sim_config import SimConfig
 
 TAIL_S = 10.0
 

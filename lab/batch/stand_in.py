@@ -18,8 +18,7 @@ import numpy as np
 
 from companion.core.attitude import angle_rates
 from companion.records import Array
-from sim_bridge.config import Defects, SimConfig
-from sim_bridge.firmware.autopilot import INPUT_PERIOD_S
+from sim_bridge.firmware.input_loop import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
 from sim_bridge.physics.body import STEP_S, Plant, plant_of
 from sim_bridge.physics.ekf_height import HeightError
@@ -35,6 +34,7 @@ from sim_bridge.physics.plant import (
     state_of,
 )
 from sim_bridge.physics.thrusters import HEALTHY, Eight, static_thrust
+from sim_bridge.sim_config import Defects, SimConfig
 
 ARMED_S, ENGAGED_S = 2.04, 3.04
 """When the full loop arms and engages, from boot: a dive begins engaged; its load counts from the arming."""

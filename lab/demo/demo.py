@@ -15,8 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from holdfast import DONE, FAILED
-from holdfast.arguments import command_parser
-from lab.demo.dives import (
+from holdfast.command_line import command_parser
+from lab.demo.demo_dives import (
     AUTOPILOT,
     NAMES,
     PARTS,
@@ -56,7 +56,7 @@ def main(argv: list[str]) -> int:
     add_firmware(parser)
     options = parser.parse_args(argv)
     find_firmware(options)
-    from lab.demo.picture import draw  # matplotlib takes a second
+    from lab.demo.demo_picture import draw  # matplotlib takes a second
 
     story, console, about_mean = Story(seed=options.seed), Console(), options.firmware is not None
     began_s = time.monotonic()

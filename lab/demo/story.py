@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from companion.records import Setpoint
 from lab.loop.scenarios import water
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import SimConfig
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import SimConfig
+from sim_bridge.sim_config import load_config as load_plant
 
 VEHICLE_FILE = DEFAULT_CONFIG.with_name("sim-heavy-skid.toml")
 WEEDY_MOTOR = 5

@@ -1,7 +1,7 @@
 """Logs of whatever kind as the table of samples: told by their content, within limits of size and count.
 
 A reader collects `Streams`. Everything raises NoDiveError, in one line, for a file that tells nothing of a
-dive, and OSError; what a damaged one makes pymavlink stumble over, `holdfast.gate` puts into words.
+dive, and OSError; what a damaged one makes pymavlink stumble over, `holdfast.child` puts into words.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from companion.core.allocation import FACTORS
-from companion.identify.samples import NoDiveError, Rows, Streams, Table
+from companion.identify.sample_table import NoDiveError, Rows, Streams, Table
 from companion.mavlink.ardusub import FRAMES, motor_outputs
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name

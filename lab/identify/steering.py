@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.identify.samples import HOLDS_S, Rows, in_order
+from companion.identify.sample_table import HOLDS_S, Rows, in_order
 from companion.mavlink.ardusub import LEAVE_ALONE, SPAN_US, STICK, STICK_NEUTRAL_Z, from_pwm_us
 from companion.records import Array
 

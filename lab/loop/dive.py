@@ -18,7 +18,6 @@ from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario
-from sim_bridge.config import SimConfig
 from sim_bridge.physics.thrusters import (
     HEALTHY,
     ThrusterBank,
@@ -27,6 +26,7 @@ from sim_bridge.physics.thrusters import (
     thrusters_of,
     wrench,
 )
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle
 
 PHI, THETA, TRUE_PSI = 3, 4, 5

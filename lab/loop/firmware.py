@@ -45,12 +45,12 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from holdfast import RefusedError
-from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.faults import Datagram, Faults
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed
 from sim_bridge.physics.plant import state_of
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth, Vehicle, truth_of
 
 VARIABLE = "HOLDFAST_ARDUSUB"

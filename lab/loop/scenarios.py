@@ -14,8 +14,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion.records import Setpoint
-from sim_bridge.config import Hull, SimConfig
 from sim_bridge.physics.plant import Three
+from sim_bridge.sim_config import Hull, SimConfig
 
 R = TypeVar("R", bound=msgspec.Struct)
 

@@ -5,9 +5,9 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from holdfast.arguments import command_parser, position
+from holdfast.child import bounded
+from holdfast.command_line import command_parser, position
 from holdfast.files import refuse_existing
-from holdfast.gate import bounded
 from lab.report.figures import Phase, phases, warnings
 from lab.report.log import load
 from lab.report.page import lines, page

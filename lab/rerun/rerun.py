@@ -21,15 +21,15 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import ordering
-from companion.identify.samples import NoDiveError
+from companion.identify.sample_table import NoDiveError
 from companion.mavlink.signing import Signing
 from companion.records import AXES, Array, LoopHealth, Request, Setpoint, vector
 from companion.steps import finish
-from companion.telemetry.commands import parse
+from companion.telemetry.operator_commands import parse
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import Reader
-from holdfast.arguments import command_parser
-from holdfast.gate import bounded
+from holdfast.child import bounded
+from holdfast.command_line import command_parser
 from lab.identify.readers import kind_of
 from lab.options import add_settings
 from lab.studies.promises import steering as demanded

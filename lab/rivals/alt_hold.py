@@ -17,8 +17,8 @@ from lab.loop.dive import Dive, by_autopilot
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import COMPANION_LINK, LinkDelay, SteppedVehicle, Wire
 from lab.loop.scenarios import Scenario
-from sim_bridge.config import SimConfig
-from sim_bridge.firmware.modes import ALT_HOLD, STABILIZE
+from sim_bridge.firmware.mode_behaviour import ALT_HOLD, STABILIZE
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth
 
 TICK_S = 0.02

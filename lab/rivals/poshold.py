@@ -15,8 +15,8 @@ from companion.records import PSI, Setpoint, X, Y, Z
 from lab.loop.dive import Dive, by_autopilot
 from lab.loop.lockstep import LinkDelay, SteppedVehicle
 from lab.rivals.alt_hold import HOLD_S, TICK_S, VEHICLE, AutopilotStation, steered
-from sim_bridge.config import SimConfig
-from sim_bridge.firmware.modes import GUIDED, POSHOLD
+from sim_bridge.firmware.mode_behaviour import GUIDED, POSHOLD
+from sim_bridge.sim_config import SimConfig
 from sim_bridge.vehicle import Truth
 
 NO_ACCELERATION = 0b111 << 6

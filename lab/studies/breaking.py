@@ -24,8 +24,8 @@ from lab.loop.dive import engaging
 from lab.loop.lockstep import START_S, Lockstep
 from lab.studies.promises import Promises, hold_telemetry
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
+from sim_bridge.sim_config import load_config as load_plant
 
 Inbox = list[tuple[int, bytes]]
 RAMP_S = 1.0

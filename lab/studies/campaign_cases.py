@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from companion.config import Config
 from lab.loop.scenarios import DEPTH_M, ensemble, water
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import SimConfig, load_config
+from sim_bridge.sim_config import SimConfig, load_config
 
 HEAVY, BLUEROV2, ENSEMBLE = "heavy", "bluerov2", "ensemble"
 VEHICLES = (HEAVY, BLUEROV2, ENSEMBLE)

@@ -24,10 +24,10 @@ from lab.loop.lockstep import LinkDelay, Step
 from lab.loop.scenarios import water
 from lab.options import add_out, add_settings
 from lab.studies.competitors import FIRST_SEED
-from lab.studies.vehicles import later
+from lab.studies.trials import later
 from lab.study import Row, Study
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import SimConfig, load_config
+from sim_bridge.sim_config import SimConfig, load_config
 
 GAINS, LAGS_S, DELAYS_MS, HIDDEN_MS = (1 / 3, 3.0), (0.0, 0.3), (0, 150), (0, 40)
 WATERS = ("calm", "waves")

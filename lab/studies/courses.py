@@ -25,8 +25,8 @@ from lab.loop.scenarios import ensemble, water
 from lab.rivals import poshold
 from lab.rivals.alt_hold import TICK_S
 from lab.studies.competitors import COMPETITORS, DEFAULT, Competitor, tuned
-from sim_bridge.config import SimConfig
 from sim_bridge.fault_kinds import Fault
+from sim_bridge.sim_config import SimConfig
 
 DEPTH_M = 2.0
 START_S, LASTS_S = 25.0, 60.0

@@ -20,11 +20,11 @@ from lab.loop.scenarios import four
 from lab.options import add_bench, seeds_of
 from lab.rivals import alt_hold
 from lab.studies.competitors import DEFAULT, FIRST_SEED, competitors, selected, tuned
-from lab.studies.picture import dots
+from lab.studies.dots import dots
 from lab.studies.statistics import interval
 from lab.study import Row, Study, by, known
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 SCENARIOS = ("waves", "path", "load", "calm")
 LINKS = {0: LinkDelay(), 80: LinkDelay(up_s=0.041, down_s=0.041)}

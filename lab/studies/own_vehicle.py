@@ -12,7 +12,7 @@ from companion.config_text import with_values
 from companion.telemetry import ranges
 from holdfast import files, validation
 from lab.loop.scenarios import DEPTH_M, heaving, water
-from sim_bridge.config import SimConfig
+from sim_bridge.sim_config import SimConfig
 
 LEAST_LAG_S, _ = validation.bounds(ranges.Lag) or (0.0, 0.0)
 """Thrusters that answer at once, as those of ArduSub's own simulated vehicle, are believed to lag by this."""

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion import assembly
 from companion.config import Config
 from companion.records import NEUTRAL, Condition, ControlSample, Request, State
-from companion.supervision.conditions import BLOCKING
+from companion.supervision.rules import BLOCKING
 from companion.supervision.supervisor import CARRY_AUTHORITY
 from companion.telemetry.samples import encode
 

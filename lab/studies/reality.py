@@ -27,8 +27,8 @@ from companion.config import load_config
 from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import Step
 from lab.options import add_bench
-from lab.studies.picture import dots
-from lab.studies.vehicles import Trial, axes, delayed, light, rough, slow, tank
+from lab.studies.dots import dots
+from lab.studies.trials import Trial, axes, delayed, light, rough, slow, tank
 from lab.study import Row, Study, by, known
 
 COUNTS_S, ENDS_S = 25.0, 85.0

@@ -20,7 +20,7 @@ from lab.options import add_bench, seeds_of
 from lab.studies.competitors import COMPETITORS, DEFAULT, RIVALS, steered, tuned
 from lab.studies.reality import COUNTS_S, ENDS_S, FIRST_SEED
 from lab.studies.statistics import interval
-from lab.studies.vehicles import hold, rough
+from lab.studies.trials import hold, rough
 from lab.study import Row, Study, by, known
 
 LAWS = ("holdfast", "observer", *(f"{law}{how}" for law in RIVALS for how in ("", "_predicted")))

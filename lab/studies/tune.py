@@ -12,8 +12,8 @@ from rich.console import RenderableType
 
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
 from holdfast import RefusedError, files
+from lab.measured_sources import ROOT
 from lab.options import add_count, add_settings
-from lab.sources import ROOT
 from lab.studies.competitors import (
     COMPETITORS,
     DEFAULT,
@@ -24,8 +24,7 @@ from lab.studies.competitors import (
     selected,
     steered,
 )
-from lab.studies.own_vehicle import around, nominal, vehicle_beside, write_config
-from lab.studies.search import (
+from lab.studies.gain_search import (
     EVALUATIONS,
     TRAINING_SEEDS,
     Stage,
@@ -35,9 +34,10 @@ from lab.studies.search import (
     training,
     training_of_reality,
 )
+from lab.studies.own_vehicle import around, nominal, vehicle_beside, write_config
 from lab.study import Row, Study, ruled
 from sim_bridge.commands import DEFAULT_CONFIG, vehicle_file
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 
 class Search(NamedTuple):

@@ -1,7 +1,7 @@
 """What keeps ArduSub from arming."""
 
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.pilot import PITCH, ROLL, THROTTLE, YAW, Pilot
+from sim_bridge.firmware.pilot_input import PITCH, ROLL, THROTTLE, YAW, Pilot
 
 EARLIEST_S = 2.0
 CHECK_RC = 1 | 64

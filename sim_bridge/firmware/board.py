@@ -8,12 +8,12 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware import arming
-from sim_bridge.firmware.answers import ACCEPTED, BANNER, CRITICAL, FAILED, FRAMES, INFO, WARNING
-from sim_bridge.firmware.frames import Message
 from sim_bridge.firmware.link import KeyStore, Link
-from sim_bridge.firmware.modes import NAMES, NEED_POSITION, NOT_IMITATED, FlightControl
+from sim_bridge.firmware.mode_behaviour import NAMES, NEED_POSITION, NOT_IMITATED, FlightControl
+from sim_bridge.firmware.packing import Message
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.pilot import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
+from sim_bridge.firmware.pilot_input import FN_ARM, FN_ARM_TOGGLE, FN_DISARM, FN_MODES, NEUTRAL, Pilot
+from sim_bridge.firmware.result_texts import ACCEPTED, BANNER, CRITICAL, FAILED, FRAMES, INFO, WARNING
 from sim_bridge.physics.plant import State, state_of
 from sim_bridge.physics.sensors import Estimate, Sensors
 

@@ -2,9 +2,9 @@
 
 import math
 
-from sim_bridge.firmware import modes
-from sim_bridge.firmware.answers import ACCEPTED, CRITICAL, WARNING
+from sim_bridge.firmware import mode_behaviour
 from sim_bridge.firmware.board import Board
+from sim_bridge.firmware.result_texts import ACCEPTED, CRITICAL, WARNING
 
 GCS_WARNING_PERIOD_S = 30.0
 LEAK_WARNING_PERIOD_S = 20.0
@@ -76,7 +76,7 @@ class Failsafes:
         if "ground station" in board.failing or not board.armed:
             return
         board.failing.add("ground station")
-        wanted = {3: modes.ALT_HOLD, 4: modes.SURFACE}.get(int(action))
+        wanted = {3: mode_behaviour.ALT_HOLD, 4: mode_behaviour.SURFACE}.get(int(action))
         if action == 2 or (wanted is not None and board.set_mode(wanted) != ACCEPTED):
             board.disarm()
 
@@ -92,4 +92,4 @@ class Failsafes:
         known = "leak" in board.failing
         board.failing.add("leak")
         if not known and action == 2 and board.armed:
-            board.set_mode(modes.SURFACE)
+            board.set_mode(mode_behaviour.SURFACE)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import frames
-from sim_bridge.firmware.frames import Message
-from sim_bridge.firmware.streams import StreamSchedule
+from sim_bridge.firmware import packing
+from sim_bridge.firmware.packing import Message
+from sim_bridge.firmware.stream_schedule import StreamSchedule
 
 COMPONENT = 1
 UTC_AT_BOOT_S, MAVLINK_EPOCH_S = 1_760_000_000, 1_420_070_400
@@ -56,7 +56,7 @@ class Link:
         signing.timestamp = max(signing.timestamp, self.parser.signing.timestamp) % (1 << 64)
         data = None
         if not signing.sign_outgoing:
-            data = frames.pack(message, self.packer.seq, system, COMPONENT)
+            data = packing.pack(message, self.packer.seq, system, COMPONENT)
         if data is None:
             data = bytes(message.pack(self.packer))
         self.packer.seq = (self.packer.seq + 1) % 256
@@ -65,6 +65,6 @@ class Link:
     def parse(self, data: bytes) -> Sequence[Message]:
         """Return the messages that `data` completes; BAD_DATA where it is garbage."""
         parser = self.parser
-        if not parser.buf and parser.signing.secret_key is None and (message := frames.parse(data)):
+        if not parser.buf and parser.signing.secret_key is None and (message := packing.parse(data)):
             return (message,)
         return parser.parse_buffer(data) or ()

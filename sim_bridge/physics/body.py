@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim_bridge.config import SimConfig
 from sim_bridge.physics import plant, thrusters
 from sim_bridge.physics.environment import Environment
 from sim_bridge.physics.plant import NO_WRENCH, STILL_WATER, Body, Six, State, Three, state_of
 from sim_bridge.physics.thrusters import HEALTHY, NEUTRAL_US, NO_THRUST, Eight, Starting, ThrusterBank
+from sim_bridge.sim_config import SimConfig
 
 STEP_S = 0.005
 """Longest step of the plant, and the period at which the sea and the tether change."""

@@ -23,8 +23,8 @@ import math
 from collections.abc import Callable
 from typing import TypeAlias
 
-from sim_bridge.config import Cable
 from sim_bridge.physics.plant import Three
+from sim_bridge.sim_config import Cable
 
 Current: TypeAlias = Callable[[float], tuple[float, float]]
 """North and east velocity of the water (m/s) at a depth (m)."""

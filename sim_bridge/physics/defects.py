@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sim_bridge.config import Defects
+from sim_bridge.sim_config import Defects
 
 
 class Defective:

@@ -5,7 +5,7 @@ A Water Linked A50 in a pool, 1156 reports, github nschang/mr-dvl, commit 6dde9a
 
 import numpy as np
 
-from sim_bridge.config import DvlReports
+from sim_bridge.sim_config import DvlReports
 
 DELAY_S = 0.1
 """Age of a velocity that the EKF takes for new. Assumed: about as long as a ping takes."""

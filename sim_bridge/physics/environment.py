@@ -5,12 +5,12 @@ from bisect import bisect_right
 
 import numpy as np
 
-from sim_bridge.config import CurrentConfig, Seabed, SimConfig
 from sim_bridge.physics.cable import CableChain
 from sim_bridge.physics.plant import STILL_WATER, State, ned_velocity
 from sim_bridge.physics.plant import Six as Flow
 from sim_bridge.physics.plant import Three as Force
 from sim_bridge.physics.waves import Sea
+from sim_bridge.sim_config import CurrentConfig, Seabed, SimConfig
 
 
 class OrnsteinUhlenbeck:

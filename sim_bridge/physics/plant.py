@@ -25,7 +25,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
-from sim_bridge.config import Hull
+from sim_bridge.sim_config import Hull
 
 GRAVITY = 9.80665
 

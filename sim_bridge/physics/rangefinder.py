@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim_bridge.config import Seabed, SensorConfig
 from sim_bridge.physics.plant import State, down_axis
+from sim_bridge.sim_config import Seabed, SensorConfig
 
 LIMITS_M, WHITE_M, PERIOD_S = (0.3, 50.0), 0.01, 0.1
 """A Ping, assumed: least and largest range, noise, and time between two."""

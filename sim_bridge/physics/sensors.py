@@ -7,15 +7,15 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from sim_bridge.config import Seabed, SensorConfig, Steel
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.dvl import DELAY_S as REPORT_DELAY_S
 from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.ekf_height import NO_HEIGHT_ERROR, drawn_off
 from sim_bridge.physics.environment import OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, State, Three, between, down_axis, euler, ned_velocity
-from sim_bridge.physics.position import PositionErrors
+from sim_bridge.physics.position_error import PositionErrors
 from sim_bridge.physics.rangefinder import LIMITS_M, RangeFault, Rangefinder
+from sim_bridge.sim_config import Seabed, SensorConfig, Steel
 
 SURFACE_PRESSURE_HPA = 1013.25
 PA_PER_M = 9800.0

@@ -12,8 +12,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
-from sim_bridge.config import ThrusterConfig
 from sim_bridge.physics.plant import Six
+from sim_bridge.sim_config import ThrusterConfig
 
 CURVE_US = (-400, -300, -200, -100, -60, -28, 28, 60, 100, 200, 300, 400)
 """Offset from 1500 µs; the middle pair is the edge of the dead band."""

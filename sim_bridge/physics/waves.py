@@ -18,8 +18,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.config import Waves
 from sim_bridge.physics.plant import GRAVITY, Six
+from sim_bridge.sim_config import Waves
 
 NEWTON_STEPS = 12
 DEEP_KH = 20.0

@@ -11,9 +11,9 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import water
 from lab.studies import corners
 from lab.studies.corners import Cell, dive
-from lab.studies.vehicles import DEPTH_M, Trial, path
+from lab.studies.trials import DEPTH_M, Trial, path
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 BASE = load_plant(DEFAULT_CONFIG)
 WEAK = Cell(1 / 3, 0.3, 0, 0, "waves")

@@ -8,7 +8,7 @@ from companion.guidance.altitude import NOD_M
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, State, Z
-from companion.telemetry.commands import Goto
+from companion.telemetry.operator_commands import Goto
 from companion.telemetry.plan import PathPlan, Waypoint
 from sim_bridge.fault_kinds import Fault
 

@@ -10,7 +10,7 @@ from virtual import Dive, Somebody, hold, shared
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State
-from companion.telemetry.commands import Goto, SetPath
+from companion.telemetry.operator_commands import Goto, SetPath
 from companion.telemetry.plan import Circle, PathPlan
 
 ROUGH = ("sensors.dvl=true", "sensors.dvl_drift_m=0.0", "current.speed_m_s=0.3", "waves.enabled=true")

@@ -4,10 +4,10 @@ from msgspec.structs import replace
 from virtual import Dive, active
 
 from companion.records import Condition, State
-from companion.supervision.conditions import BLOCKING
-from companion.telemetry.commands import CommandResult
+from companion.supervision.rules import BLOCKING
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import UNSAID
+from companion.telemetry.operator_commands import CommandResult
 from companion.telemetry.schemas import Reply
 
 

@@ -17,9 +17,9 @@ from lab.loop import firmware
 from lab.loop.firmware import Firmware, FirmwareError, held, parameters_of, program
 from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
 from sim_bridge.physics.plant import GRAVITY
+from sim_bridge.sim_config import load_config as load_plant
 
 TESTS = Path(__file__).parents[1]
 

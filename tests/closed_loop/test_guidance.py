@@ -11,7 +11,7 @@ from companion.core.bounds import wrap
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, State, X
-from companion.telemetry.commands import Goto, SetPath, SetVelocity
+from companion.telemetry.operator_commands import Goto, SetPath, SetVelocity
 from companion.telemetry.plan import Circle, Lemniscate, PathPlan, Waypoint
 
 DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=true")

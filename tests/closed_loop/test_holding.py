@@ -22,7 +22,7 @@ from companion.records import PSI, Setpoint, State, X, Y, Z
 from lab.loop.dive import dive, engaging
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.loop.scenarios import SETTLE_S, four
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 ROOT = Path(__file__).parents[2]

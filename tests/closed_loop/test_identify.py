@@ -16,9 +16,9 @@ from companion.identify.manoeuvre import EXCITATIONS, SETTLE_S, Manoeuvre
 from companion.identify.model import KEYS, LAG, LEAST, MASS, MOST, QUADRATIC, START, Track
 from companion.records import PSI, ZERO, Request, State, X, Y, Z
 from holdfast import validation
-from lab.identify.command import conclude
+from lab.identify.identify_command import conclude
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 SEED = 31
 STILL = ("current.enabled=false",)

@@ -12,7 +12,7 @@ from companion.predive.inspection import Inspection
 from companion.predive.table import verdict
 from lab.loop.lockstep import COMPANION_LINK, START_S
 from lab.studies.promises import steering
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 OTHERS_LINK = 2

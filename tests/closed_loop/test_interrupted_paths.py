@@ -8,7 +8,7 @@ from companion.guidance.orders import ordering
 from companion.guidance.sources import Sources
 from companion.records import GlobalOrigin, Reboot, Request, State
 from companion.steps import finish
-from companion.telemetry.commands import Follow, Goto, SetPath
+from companion.telemetry.operator_commands import Follow, Goto, SetPath
 from companion.telemetry.plan import PathPlan, Waypoint
 
 CALM = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=true", "current.speed_m_s=0.0")

@@ -14,7 +14,7 @@ from virtual import Dive, Somebody, shared
 from companion.config import Config, load_config
 from companion.io.command_queue import MAX_WAITING, CommandQueue, ReceivedCommand
 from companion.records import ENGAGE_S, Condition, Setpoint, State, Verdict
-from companion.telemetry.commands import COMMANDS, MAX_BYTES
+from companion.telemetry.operator_commands import COMMANDS, MAX_BYTES
 from companion.telemetry.schemas import Reply
 from companion.telemetry.status_line import status_line
 from lab.loop.lockstep import LinkDelay

@@ -15,7 +15,7 @@ from companion.config import load_config
 from companion.guidance.drawing import drawing
 from companion.guidance.orders import ordering
 from companion.steps import Task, finish
-from companion.telemetry.commands import MAX_PATH_BYTES, parse
+from companion.telemetry.operator_commands import MAX_PATH_BYTES, parse
 from companion.telemetry.plan import MAX_SEGMENTS
 
 MILLISECOND = 60_000

@@ -7,7 +7,7 @@ from virtual import Dive, Somebody, hold, shared
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.records import Condition, Request, State
-from companion.telemetry.commands import Goto, SetPath
+from companion.telemetry.operator_commands import Goto, SetPath
 from companion.telemetry.plan import Circle, PathPlan
 
 PLACE = {"x": 0.0, "y": 0.0, "z": 2.0, "psi": 0.0}

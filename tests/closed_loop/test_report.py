@@ -31,7 +31,7 @@ from lab.report.figures import phases
 from lab.report.log import Log, between, load
 from lab.report.report import main
 from lab.tables import write_table
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_link import SCHEMA, encode
 

@@ -14,12 +14,12 @@ from companion.config import Config, load_config
 from companion.engine import Engine
 from companion.records import ZERO, Request
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import Goto
+from companion.telemetry.operator_commands import Goto
 from dashboard.recording.mcap_file import Item, Recording
 from dashboard.recording.record import readable
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.rerun.rerun import HEARTBEAT, configured, load, main, rerun
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 

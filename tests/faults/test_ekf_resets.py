@@ -15,8 +15,8 @@ from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
 from companion.io.command_queue import CommandQueue, ReceivedCommand
 from companion.records import Condition, Request, State
-from companion.telemetry.commands import Goto, SetVelocity
 from companion.telemetry.event_log import EventLog
+from companion.telemetry.operator_commands import Goto, SetVelocity
 from companion.telemetry.plan import Circle, PathPlan
 
 QUIET = (

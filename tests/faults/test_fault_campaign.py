@@ -6,7 +6,7 @@ import pytest
 
 from companion.records import State
 from lab.studies.breaking import FAULTS, ON_FIRMWARE, VARIANTS, Broken, prepared
-from lab.studies.faults import TOGETHER, FaultCase, FaultDives, case, dive, dive_group
+from lab.studies.fault_dives import TOGETHER, FaultCase, FaultDives, case, dive, dive_group
 from lab.study import parser_of
 from sim_bridge.fault_kinds import FAULT_KINDS
 

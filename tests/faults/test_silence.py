@@ -18,8 +18,8 @@ from companion.records import PSI, ZERO, Condition, Request, State, X, Z
 from companion.steps import finish
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from companion.telemetry.commands import Follow
 from companion.telemetry.event_log import EventLog
+from companion.telemetry.operator_commands import Follow
 from companion.telemetry.plan import PathPlan, Waypoint
 from lab.loop.lockstep import START_S
 

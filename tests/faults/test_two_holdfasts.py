@@ -18,7 +18,7 @@ from companion.records import Condition, LoopHealth, Request, State
 from companion.telemetry.event_log import EventLog
 from lab.loop.lockstep import START_S
 from lab.studies.promises import Promises
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 FIRST, CAME = Condition.OTHER_FIRST, Condition.OTHER_CAME

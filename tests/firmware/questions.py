@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import ARM, MANUAL, REQUEST, SET_INTERVAL, SET_MODE, Heard, Station, manual
 
-from sim_bridge.firmware.messages import STREAMED
+from sim_bridge.firmware.reports import STREAMED
 
 Answers = Iterator[tuple[str, Any]]
 REBOOT = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN

@@ -14,7 +14,7 @@ from lab.loop.lockstep import START_S, LinkDelay
 from lab.loop.scenarios import four, up_and_down
 from lab.studies.courses import COURSES, sail
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 DEPTH_M = 2.0
 DIVED = (f"initial.eta=[0,0,{DEPTH_M},0,0,0.3]",)

@@ -9,8 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from virtual import Somebody, hold
 
 from companion.records import Condition, GlobalOrigin, Parameter, State
-from companion.telemetry.commands import Goto
-from lab.studies.faults import dive_group
+from companion.telemetry.operator_commands import Goto
+from lab.studies.fault_dives import dive_group
 
 CURRENT = ("current.enabled=true", "current.speed_m_s=0.4")
 DVL = "sensors.dvl=true"

@@ -13,7 +13,7 @@ from sim_wire import REQUEST, vehicle
 from companion.mavlink.link_maintenance import PARAMETERS, RENAMED
 from lab.loop.firmware import ORIGIN_DEG_E7, Firmware, parameters_of
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config
+from sim_bridge.sim_config import load_config
 
 PLANT = ("current.enabled=false", "hull.net_buoyancy_n=0.0", "initial.eta=[0.0, 0.0, 3.0, 0.0, 0.0, 0.0]")
 ORIGIN_S = 16.0

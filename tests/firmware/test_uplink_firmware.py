@@ -9,7 +9,7 @@ from tools.uplink import LOGS, replay
 
 from lab.loop.firmware import Firmware
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config
+from sim_bridge.sim_config import load_config
 
 
 @pytest.mark.parametrize("log", LOGS)

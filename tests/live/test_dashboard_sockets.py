@@ -15,7 +15,7 @@ from tools.processes import free_port
 from waiting import in_a_loop
 
 from companion.telemetry.schemas import Reply
-from dashboard.vehicles import MOST_VEHICLES
+from dashboard.heard_vehicles import MOST_VEHICLES
 from dashboard.web import app, connections
 from dashboard.web.command import DashboardOptions, serve
 from dashboard.web.fleet import ROWS, Histories, VehicleHistory

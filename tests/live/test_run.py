@@ -27,7 +27,7 @@ from companion.io.process import Ticker
 from companion.mavlink.inbox import MAX_LOOKS
 from companion.mavlink.signing import EPOCH_S, UNITS_PER_S
 from companion.records import Request, Setpoint
-from companion.telemetry.commands import SetPath
+from companion.telemetry.operator_commands import SetPath
 
 NEUTRAL = (1500, 1500, 1500, 1500)
 PARSER = mavlink.MAVLink(None, 1, 1)

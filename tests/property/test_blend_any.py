@@ -9,11 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import load_config
 from companion.mavlink.ardusub import quantise
 from companion.mavlink.autopilot import Autopilot
-from companion.mavlink.pilot import pilot_sticks
+from companion.mavlink.pilot_frames import pilot_sticks
 from companion.records import AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.pilot import Pilot
+from sim_bridge.firmware.pilot_input import Pilot
 
 FORWARD, LATERAL, THROTTLE, YAW = 4, 5, 2, 3
 CHANNELS = (FORWARD, LATERAL, THROTTLE, YAW)

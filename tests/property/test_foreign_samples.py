@@ -13,11 +13,11 @@ from rich.console import Console
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
+from dashboard.heard_vehicles import Fleet, Vehicle
 from dashboard.recording.mcap_file import MAX_CHANNELS, MAX_SAMPLE_BYTES, Reader
 from dashboard.recording.record import readable
 from dashboard.recording.recorder import DiveRecorder, FileLimits
 from dashboard.terminal.watch import Look, picture
-from dashboard.vehicles import Fleet, Vehicle
 from dashboard.web.app import MOST_BEHIND, message_text
 from dashboard.web.fleet import Histories
 from dashboard.zenoh_client import Message

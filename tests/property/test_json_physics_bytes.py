@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import DrivenBody, Responder
+from sim_bridge.sim_config import load_config
 
 CONFIG = load_config(DEFAULT_CONFIG)
 WORDS = st.integers(0, 65535)

@@ -17,11 +17,11 @@ from dive_logs import (
 
 from companion.config import load_config
 from companion.telemetry import path_files
-from holdfast import gate
+from holdfast import child
 from lab.identify.readers import read
 from lab.report.log import load as load_log
 from lab.rerun.rerun import load as load_tape
-from sim_bridge.config import load_config as load_sim
+from sim_bridge.sim_config import load_config as load_sim
 
 ODD = (
     b"\xff" * 8,
@@ -63,7 +63,7 @@ def attempts(file, sound, readers, count):
     ends = []
     for data in mutants(sound, count):
         file.write_bytes(data)
-        ends += [gate.answer(reader, *arguments) for reader, arguments in readers]
+        ends += [child.answer(reader, *arguments) for reader, arguments in readers]
     return [value if kind == "error" else None for kind, value in ends]
 
 
@@ -86,12 +86,12 @@ WRITERS: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_damaged_log_is_read_or_refused(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(gate, "START_S", 100)
+    monkeypatch.setattr(child, "START_S", 100)
     file = WRITERS[name](dive(8.0), tmp_path / name)
     readers: list[tuple[Any, tuple[Any, ...]]] = [(read, (file, "vectored_6dof"))]
     if file.suffix == ".mcap":
         readers += [(load_log, ([file],)), (load_tape, ([file],))]
-    all_read_or_refused(gate.bounded(attempts, [file], file, file.read_bytes(), readers, 25))
+    all_read_or_refused(child.bounded(attempts, [file], file, file.read_bytes(), readers, 25))
 
 
 @pytest.mark.parametrize(

@@ -60,15 +60,15 @@ from companion.records import (
     vector,
 )
 from companion.steps import Task
-from companion.telemetry.commands import COMMANDS
 from companion.telemetry.event_log import EventLog
+from companion.telemetry.operator_commands import COMMANDS
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Plan, Raw, Reply, to_json
 from companion.telemetry.status_line import status_line
 from holdfast import validation
 from lab.loop.lockstep import START_S, LinkDelay, Lockstep
 from lab.studies.promises import Promises, hold_telemetry, promise
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 CONFIG = Path(__file__).parents[2] / "config"

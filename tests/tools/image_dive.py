@@ -16,7 +16,7 @@ from companion.engine import Engine
 from companion.records import Request, Setpoint
 from lab.loop.lockstep import LinkDelay, Lockstep
 from sim_bridge.commands import vehicle_file
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 from sim_bridge.vehicle import Vehicle
 
 DEPTH_M = 3.0

@@ -17,8 +17,8 @@ from lab.loop.dive import dive
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, ensemble, four, hold, positioned
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
 from sim_bridge.fault_kinds import Fault
+from sim_bridge.sim_config import load_config as load_plant
 
 pytestmark = pytest.mark.compiles
 

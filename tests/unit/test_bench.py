@@ -15,7 +15,7 @@ from companion import assembly
 from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
 from holdfast import main
 from lab.loop.scenarios import ensemble
-from lab.studies import search as searching
+from lab.studies import gain_search as searching
 from lab.studies import tune
 from lab.studies.competitors import (
     COMPETITORS,
@@ -29,14 +29,14 @@ from lab.studies.competitors import (
     written,
 )
 from lab.studies.dives import FIGURES, LINKS, SCENARIOS, Dives
+from lab.studies.gain_search import Stage, scores, search, training, training_of_reality
 from lab.studies.own_vehicle import around, nominal, write_config
 from lab.studies.reality import FIRST_SEED as FIRST_REAL_SEED
 from lab.studies.rivals import Rivals
-from lab.studies.search import Stage, scores, search, training, training_of_reality
 from lab.studies.statistics import interval, student
 from lab.study import Row, Study, by, parser_of
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 CONFIG = load_config()
 BASE = load_plant(DEFAULT_CONFIG)

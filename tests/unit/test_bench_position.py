@@ -7,7 +7,7 @@ import pytest
 
 from holdfast import RefusedError
 from lab.loop.dive import Dive
-from lab.studies.position import Courses
+from lab.studies.places import Courses
 from lab.study import parser_of
 
 

@@ -14,7 +14,7 @@ import holdfast
 from companion.app import parting
 from companion.config import load_config as load_companion
 from sim_bridge.commands import vehicle_file
-from sim_bridge.config import load_config
+from sim_bridge.sim_config import load_config
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from builders import plan
 from companion.records import ControlSample
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
-from dashboard import vehicles
+from dashboard import heard_vehicles
 from dashboard.web.app import MOST_BEHIND, News
 from dashboard.web.fleet import Histories, VehicleHistory
 from dashboard.web.rows import COLUMNS, Ring, empty_row
@@ -125,7 +125,7 @@ def test_the_truth_joins_the_tick_of_its_moment_with_the_papers_sign(make_sample
 
 
 def test_there_is_an_end_to_vehicles(make_sample: MakeSample, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vehicles, "MOST_VEHICLES", 2)
+    monkeypatch.setattr(heard_vehicles, "MOST_VEHICLES", 2)
     seen = Histories()
     for name in ("kelp", "wrack", "dulse"):
         seen.take(_messages(make_sample(), vehicle=name), now_s=1.0)
@@ -135,7 +135,7 @@ def test_there_is_an_end_to_vehicles(make_sample: MakeSample, monkeypatch: pytes
     assert found is not None
     assert found.name == "kelp"
     assert seen.get("dulse") is None
-    later_s = 2.0 + vehicles.FORGET_S
+    later_s = 2.0 + heard_vehicles.FORGET_S
     seen.take(_messages(make_sample(t_s=later_s), vehicle="wrack"), now_s=later_s)
     seen.take(_messages(make_sample(), vehicle="dulse"), now_s=later_s)
     assert list(seen.vehicles) == ["wrack", "dulse"], "kelp fell silent"

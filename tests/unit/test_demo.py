@@ -10,7 +10,7 @@ from shown import output, says
 
 import holdfast
 from lab.demo import demo
-from lab.demo.dives import NAMES, DemoFigures, dive_holdfast, worth
+from lab.demo.demo_dives import NAMES, DemoFigures, dive_holdfast, worth
 from lab.demo.story import Story
 
 

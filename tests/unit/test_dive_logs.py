@@ -25,11 +25,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.config import PRESETS, load_vehicle
 from companion.identify import fit, model
 from companion.identify.model import DELAY, LAG, Track, parameters
-from companion.identify.samples import NoDiveError
+from companion.identify.sample_table import NoDiveError
 from companion.records import AXES, Z
 from holdfast import RefusedError
 from lab import commands
-from lab.identify.command import held
+from lab.identify.identify_command import held
 from lab.identify.readers import read
 from lab.identify.telemetry import FIELDS, Telemetry
 

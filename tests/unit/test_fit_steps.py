@@ -8,7 +8,7 @@ from companion.core.allocation import T200_N, T200_PWM_US
 from companion.identify.fit import fit
 from companion.identify.manoeuvre import EXCITATIONS, pushing, sweeping
 from companion.identify.model import DELAY, LAG, LINEAR, MASS, QUADRATIC, START, Track, parameters
-from companion.identify.samples import Streams
+from companion.identify.sample_table import Streams
 from companion.records import Z
 
 TICK_S, STEP_S = 0.02, 0.0005

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dashboard.recording.mcap_file import Reader
-from holdfast import RefusedError, gate
+from holdfast import RefusedError, child
 
 
 def endless():
@@ -17,7 +17,7 @@ def endless():
 
 
 def greedy():
-    return bytes(gate.MEMORY_BYTES)
+    return bytes(child.MEMORY_BYTES)
 
 
 def stumbling():
@@ -48,17 +48,17 @@ def talking():
     ],
 )
 def test_it_is_refused_in_words(reader, says, monkeypatch):
-    monkeypatch.setattr(gate, "START_S", 1)
+    monkeypatch.setattr(child, "START_S", 1)
     with pytest.raises(RefusedError, match=says):
-        gate.bounded(reader, [])
+        child.bounded(reader, [])
 
 
 def test_what_is_read_comes_back_without_a_librarys_words(capfd):
-    assert gate.bounded(talking, []) == "read"
+    assert child.bounded(talking, []) == "read"
     assert capfd.readouterr().out == ""
 
 
-@pytest.mark.parametrize("read", [lambda it: gate.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
+@pytest.mark.parametrize("read", [lambda it: child.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
 def test_a_pipe_and_a_device_which_may_never_begin_or_end_are_refused(read, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for endless in (tmp_path / "pipe", Path("/dev/zero")):
@@ -78,20 +78,20 @@ def sparse(path: Path, size: int) -> Path:
 
 
 def test_a_file_with_holes_is_given_no_time_for_them(tmp_path, monkeypatch):
-    monkeypatch.setattr(gate, "START_S", 1)
+    monkeypatch.setattr(child, "START_S", 1)
     with pytest.raises(
         RefusedError, match=r"dive\.BIN: was not read in 1 s: it is damaged, or cut it into parts"
     ):
-        gate.bounded(endless, [sparse(tmp_path / "dive.BIN", 3 << 30)])
+        child.bounded(endless, [sparse(tmp_path / "dive.BIN", 3 << 30)])
 
 
-@pytest.mark.parametrize("read", [lambda it: gate.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
+@pytest.mark.parametrize("read", [lambda it: child.bounded(ended, [it]), lambda it: next(iter(Reader(it)))])
 def test_a_file_of_many_gigabytes_is_refused(read, tmp_path):
     with pytest.raises(RefusedError, match=r"dive\.mcap: is larger than 4096 MiB: cut it into parts"):
         read(sparse(tmp_path / "dive.mcap", 5 << 30))
 
 
 def test_no_file_is_given_more_time_than_the_most(tmp_path, monkeypatch):
-    monkeypatch.setattr(gate, "MAX_S", 1)
+    monkeypatch.setattr(child, "MAX_S", 1)
     with pytest.raises(RefusedError, match="was not read in 1 s"):
-        gate.bounded(endless, [tmp_path])
+        child.bounded(endless, [tmp_path])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from companion.records import Condition, State
-from companion.supervision.conditions import TRANSITIONS
+from companion.supervision.rules import TRANSITIONS
 from companion.supervision.supervisor import remedy as remedy_of
 from companion.telemetry import glossary
 from companion.telemetry.modes import Mode

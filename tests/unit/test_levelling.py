@@ -20,7 +20,7 @@ from companion.core.levelling import (
 )
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 LAG_S, OMEGA, TICK_S = 0.15, 5.0, 0.02
 NEAR_S = 0.0

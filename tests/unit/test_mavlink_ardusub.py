@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from companion.mavlink.ardusub import manual_control_reach, quantise
 from companion.mavlink.decode import Decoder
 from companion.mavlink.encode import Commands
-from companion.mavlink.pilot import pilot_sticks
+from companion.mavlink.pilot_frames import pilot_sticks
 from companion.records import (
     Attitude,
     AxisCommand,

@@ -9,7 +9,7 @@ from companion.config import LinkSection
 from companion.mavlink import messages
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import PARTIAL_TIMEOUT_S
-from companion.mavlink.pilot import attitude_target, global_target, position_target
+from companion.mavlink.pilot_frames import attitude_target, global_target, position_target
 from companion.records import AttitudeTarget, GlobalOrigin, PositionTarget, Refused, Sender
 
 VEHICLE = (1, 1)

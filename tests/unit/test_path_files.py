@@ -10,7 +10,7 @@ import pytest
 from companion.config import load_config
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
-from companion.telemetry.commands import Follow, parse
+from companion.telemetry.operator_commands import Follow, parse
 from companion.telemetry.path_files import read
 from companion.telemetry.plan import MAX_SEGMENTS, Lemniscate, PathPlan, Waypoint
 

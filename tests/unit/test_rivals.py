@@ -10,7 +10,7 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import Scenario, hold
 from lab.rivals import alt_hold, indi, mpc, ppi
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 BASE = load_plant(DEFAULT_CONFIG)
 DT_S, MASS_KG = 0.02, 30.0

@@ -9,10 +9,10 @@ from companion.telemetry import schemas as telemetry
 from lab import documents as schema
 from lab import results_page
 from lab.commands import schema as command
-from lab.sources import measured_code
+from lab.measured_sources import measured_code
 from lab.study import provenance
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config
+from sim_bridge.sim_config import load_config
 from sim_bridge.vehicle import Vehicle
 from sim_bridge.zenoh_link import SCHEMA, encode
 

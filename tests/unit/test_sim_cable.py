@@ -5,8 +5,8 @@ import math
 import pytest
 from sim_wire import vehicle
 
-from sim_bridge.config import Cable
 from sim_bridge.physics.cable import DENSITY, CableChain
+from sim_bridge.sim_config import Cable
 
 DT = 0.005
 

@@ -3,7 +3,7 @@
 import pytest
 from sim_wire import CONFIG, is_finite
 
-from sim_bridge.config import ConfigError, load_config
+from sim_bridge.sim_config import ConfigError, load_config
 from sim_bridge.vehicle import Vehicle
 
 SHIPPED = sorted(CONFIG.parent.glob("sim*.toml"))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sim_wire import CALM, CONFIG
 
-from sim_bridge.config import Waves, load_config
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.environment import Environment, OrnsteinUhlenbeck
 from sim_bridge.physics.plant import GRAVITY, state_of
 from sim_bridge.physics.waves import Sea
+from sim_bridge.sim_config import Waves, load_config
 
 DT = 0.02
 

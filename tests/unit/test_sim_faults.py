@@ -11,10 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sim_wire import CONFIG, SET_INTERVAL, Station, is_finite, override, vehicle
 
 from sim_bridge.commands import shipped
-from sim_bridge.config import ConfigError, fault_of
 from sim_bridge.fault_kinds import FAULT_KINDS, Fault
 from sim_bridge.faults import Faults
 from sim_bridge.listing import listing
+from sim_bridge.sim_config import ConfigError, fault_of
 from sim_bridge.zenoh_link import answer
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware.frames import pack, parse
+from sim_bridge.firmware.packing import pack, parse
 
 KINDS = [mavlink.mavlink_map[number] for number in (0, 1, 24, 30, 33, 36, 65, 69, 70, 74, 77, 178, 12920)]
 WITH_ARRAYS = [mavlink.mavlink_map[number] for number in (22, 147, 253)]

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim_bridge.config import load_config
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.json_physics import Asked, DrivenBody, Responder, Sensed, reply
 from sim_bridge.physics.plant import GRAVITY, state_of
+from sim_bridge.sim_config import load_config
 
 HEAVY = Path(__file__).parents[2] / "config" / "sim.toml"
 REST = (1500,) * 16

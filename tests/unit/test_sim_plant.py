@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from sim_bridge.config import Hull
 from sim_bridge.physics.plant import (
     GRAVITY,
     body_of,
@@ -15,6 +14,7 @@ from sim_bridge.physics.plant import (
     state_of,
     step,
 )
+from sim_bridge.sim_config import Hull
 
 MASS, ADDED, LINEAR, QUADRATIC = 13.5, 18.68, 33.0, 190.0
 STILL = (0.0,) * 6

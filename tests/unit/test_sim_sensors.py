@@ -9,13 +9,13 @@ import pytest
 from builders import STILL_SENSORS
 from sim_wire import Station, vehicle
 
-from sim_bridge.config import Defects, DvlReports, Seabed, SensorConfig, Steel, Usbl
 from sim_bridge.physics.defects import Defective
 from sim_bridge.physics.dvl import DvlReporter
 from sim_bridge.physics.ekf_height import NO_HEIGHT_ERROR, drawn_off
 from sim_bridge.physics.plant import state_of
-from sim_bridge.physics.position import BELIEVED_M_S, ODOMETRY_SIGMA_M_S, UNAIDED_S, PositionErrors
+from sim_bridge.physics.position_error import BELIEVED_M_S, ODOMETRY_SIGMA_M_S, UNAIDED_S, PositionErrors
 from sim_bridge.physics.sensors import COMPASS_TAU_S, EARTH_NORTH_UT, Sensors, deviation
+from sim_bridge.sim_config import Defects, DvlReports, Seabed, SensorConfig, Steel, Usbl
 
 DT = 0.005
 

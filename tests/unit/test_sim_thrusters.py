@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sim_wire import CONFIG, Station, override, vehicle
 
-from sim_bridge.config import load_config
 from sim_bridge.firmware.mixer import mix
 from sim_bridge.physics.body import Physics
 from sim_bridge.physics.thrusters import (
@@ -20,6 +19,7 @@ from sim_bridge.physics.thrusters import (
     thrusters_of,
     wrench,
 )
+from sim_bridge.sim_config import load_config
 
 CONFIGS = {"vectored_6dof": CONFIG, "vectored": CONFIG.with_name("sim-bluerov2.toml")}
 

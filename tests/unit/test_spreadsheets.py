@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dive_logs import dive, write_csv
 
-from companion.identify.samples import NoDiveError
+from companion.identify.sample_table import NoDiveError
 from lab.identify.readers import read
 
 FRAME = "vectored_6dof"

@@ -21,12 +21,12 @@ from companion.records import (
     Request,
     State,
 )
-from companion.supervision.conditions import (
+from companion.supervision.handover import HandOverStep
+from companion.supervision.rules import (
     CLOCK_DOUBT_S,
     RESET_SETTLE_S,
     assess,
 )
-from companion.supervision.handover import HandOverStep
 from companion.supervision.situation import Observation, Situation, Watched
 from companion.supervision.supervisor import (
     StateMachine,

@@ -14,9 +14,9 @@ from companion.records import Ages, Condition, ControlSample, State
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.glossary import STATES
+from dashboard.heard_vehicles import Fleet, Vehicle
 from dashboard.terminal import watch
 from dashboard.terminal.watch import Look, picture
-from dashboard.vehicles import Fleet, Vehicle
 from dashboard.zenoh_client import Message
 
 MakeSample = Callable[..., ControlSample]

@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import messages, modes
-from sim_bridge.firmware.answers import ACCEPTED, DENIED, FAILED, INFO, UNSUPPORTED, WARNING
+from sim_bridge.firmware import mode_behaviour, reports
 from sim_bridge.firmware.board import Board
-from sim_bridge.firmware.messages import STREAMED
-from sim_bridge.firmware.streams import FASTEST_INTERVAL_US
+from sim_bridge.firmware.reports import STREAMED
+from sim_bridge.firmware.result_texts import ACCEPTED, DENIED, FAILED, INFO, UNSUPPORTED, WARNING
+from sim_bridge.firmware.stream_schedule import FASTEST_INTERVAL_US
 
 FORCE_ARMING, FORCE_REBOOT = (2989, 21196), 20190226
 """Numbers in a parameter that switch off the checks."""
@@ -32,15 +32,15 @@ class CommandHandler:
         """Send a message once; the MAV_RESULT. One without anything to tell is accepted, and not sent."""
         if number not in STREAMED:
             return FAILED
-        for message in messages.build(number, self._board):
+        for message in reports.build(number, self._board):
             self._board.send(link, message)
         return ACCEPTED
 
     def _nav_loiter_unlim(self, _: int, __: list[float]) -> int:
-        return self._board.set_mode(modes.POSHOLD)
+        return self._board.set_mode(mode_behaviour.POSHOLD)
 
     def _nav_land(self, _: int, __: list[float]) -> int:
-        return self._board.set_mode(modes.SURFACE)
+        return self._board.set_mode(mode_behaviour.SURFACE)
 
     def _request_message(self, link: int, p: list[float]) -> int:
         return self.request(link, _whole(p[0]))

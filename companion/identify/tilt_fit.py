@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.identify.least_squares import jackknife, least_squares
 from companion.identify.model import TICK_S, TICKS, Track
-from companion.identify.samples import STEP_S
+from companion.identify.sample_table import STEP_S
 from companion.records import Array
 
 NAMES: Final = ("roll_inertia", "pitch_inertia", "roll_righting_nm", "pitch_righting_nm", "lever_m")

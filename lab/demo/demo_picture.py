@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from companion.records import Array, Z
 from lab import style
-from lab.demo.dives import NAMES, PARTS, DemoFigures
+from lab.demo.demo_dives import NAMES, PARTS, DemoFigures
 from lab.demo.story import Story
 from lab.loop.dive import Dive
 from lab.style import SMALL

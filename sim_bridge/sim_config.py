@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from holdfast import validation
-from holdfast.arguments import located
+from holdfast.command_line import located
 from holdfast.validation import ConfigError as ConfigError
 from sim_bridge.fault_kinds import Fault
 

@@ -2,11 +2,11 @@
 
 import math
 
-from sim_bridge.firmware import attitude, depth_hold
+from sim_bridge.firmware import attitude_loop, depth_hold
 from sim_bridge.firmware.depth_hold import GAINS, DepthGains
 from sim_bridge.firmware.mixer import Demand
 from sim_bridge.firmware.params import Parameters
-from sim_bridge.firmware.pilot import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
+from sim_bridge.firmware.pilot_input import FORWARD, LATERAL, PITCH, ROLL, THROTTLE, YAW, Pilot
 from sim_bridge.firmware.shaping import clip
 from sim_bridge.physics.sensors import Estimate
 
@@ -34,8 +34,8 @@ class FlightControl:
         self.depth_target = 0.0
         self._heading = 0.0
         self._yaw_moved_s = 0.0
-        self._attitude = [attitude.relaxed(0.0, 0.0) for _ in AXES]
-        self._attitude_gains: list[attitude.AttitudeGains] = []
+        self._attitude = [attitude_loop.relaxed(0.0, 0.0) for _ in AXES]
+        self._attitude_gains: list[attitude_loop.AttitudeGains] = []
         self._gains_as_of = -1
         self._depth_hold = depth_hold.AT_REST
         self._wanted = depth_hold.STILL
@@ -63,7 +63,7 @@ class FlightControl:
         self.depth_target = estimate.depth_m
         self._heading = estimate.yaw
         self._yaw_moved_s = t_s - YAW_SETTLE_S
-        self._attitude = [attitude.relaxed(*motion) for motion in _motions(estimate)]
+        self._attitude = [attitude_loop.relaxed(*motion) for motion in _motions(estimate)]
         self._throttle_in = THROTTLE_MIDDLE if self.mode == ALT_HOLD else 0.0
         self._depth_hold = depth_hold.AT_REST
         self._wanted = depth_hold.STILL
@@ -86,11 +86,11 @@ class FlightControl:
         self._throttle_in = 0.5 * (throttle + 1.0)
         return roll, pitch, yaw, throttle, forward, lateral
 
-    def _gains(self) -> list[attitude.AttitudeGains]:
+    def _gains(self) -> list[attitude_loop.AttitudeGains]:
         """Return the attitude loop's gains, read again where a parameter was set."""
         params = self._params
         if self._gains_as_of != params.changes:
-            self._attitude_gains = [attitude.gains(params, name) for name in AXES]
+            self._attitude_gains = [attitude_loop.gains(params, name) for name in AXES]
             self._gains_as_of = params.changes
         return self._attitude_gains
 
@@ -100,16 +100,16 @@ class FlightControl:
         gains = self._gains()
         lean = math.radians(params["ANGLE_MAX"] / 100.0)
         roll, pitch, yaw = self._attitude
-        roll = attitude.toward_angle(gains[0], roll, pilot.angle_stick(ROLL) * lean, math.inf, dt)
-        pitch = attitude.toward_angle(gains[1], pitch, pilot.angle_stick(PITCH) * lean, math.inf, dt)
+        roll = attitude_loop.toward_angle(gains[0], roll, pilot.angle_stick(ROLL) * lean, math.inf, dt)
+        pitch = attitude_loop.toward_angle(gains[1], pitch, pilot.angle_stick(PITCH) * lean, math.inf, dt)
         rate = self._turning(pilot, estimate, t_s)
         if rate is not None:
-            yaw = attitude.toward_rate(yaw, rate, dt)
+            yaw = attitude_loop.toward_rate(yaw, rate, dt)
         else:
             slew = math.radians(params["ATC_SLEW_YAW"] / 100.0)
-            yaw = attitude.toward_angle(gains[2], yaw, self._heading, slew, dt)
+            yaw = attitude_loop.toward_angle(gains[2], yaw, self._heading, slew, dt)
         self._attitude = [
-            attitude.follow(loop, axis, *motion, dt)
+            attitude_loop.follow(loop, axis, *motion, dt)
             for loop, axis, motion in zip(gains, (roll, pitch, yaw), _motions(estimate), strict=True)
         ]
         roll, pitch, yaw = self._attitude

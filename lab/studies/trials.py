@@ -12,7 +12,7 @@ from lab.loop.dive import EXACT
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, up_and_down, water
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import SimConfig, load_config
+from sim_bridge.sim_config import SimConfig, load_config
 
 DEPTH_M = 2.0
 TANK = DEFAULT_CONFIG.with_name("sim-tank-heavy.toml")

@@ -26,8 +26,8 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
 from lab.studies.competitors import WIDTH, written
 from lab.studies.reality import COUNTS_S
-from lab.studies.vehicles import hold, rough
-from sim_bridge.config import SimConfig
+from lab.studies.trials import hold, rough
+from sim_bridge.sim_config import SimConfig
 
 TRAINING_SEEDS = 8
 TRAINING_S = 24.0

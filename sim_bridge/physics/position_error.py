@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from sim_bridge.config import SensorConfig
+from sim_bridge.sim_config import SensorConfig
 
 UNAIDED_S = 15.0
 """Without any aid the firmware's EKF gives its position up after this time (tiltDriftTimeMax_ms)."""

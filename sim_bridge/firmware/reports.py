@@ -11,7 +11,7 @@ from typing import Final
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sim_bridge.firmware.board import Board
-from sim_bridge.firmware.frames import Message
+from sim_bridge.firmware.packing import Message
 from sim_bridge.physics.plant import GRAVITY
 from sim_bridge.physics.sensors import SURFACE_PRESSURE_HPA
 

@@ -13,11 +13,11 @@ import numpy as np
 from companion.config import VehicleFile, load_vehicle, vehicle_file, vehicle_text
 from companion.identify import fit
 from companion.identify.model import MOVED, Track, parameters, score
-from companion.identify.samples import NoDiveError, Table
+from companion.identify.sample_table import NoDiveError, Table
 from companion.records import AXES
 from holdfast import RefusedError, files, how_to_install
-from holdfast.arguments import command_parser
-from holdfast.gate import bounded
+from holdfast.child import bounded
+from holdfast.command_line import command_parser
 from lab.identify.readers import read
 
 QUALITY: Final = "1 - R² of the change of velocity"
@@ -118,11 +118,11 @@ def conclude(
     out.write_text(vehicle_text(vehicle, about, notes), encoding="utf-8")
     lines.append(f"written: {out}; use it with holdfast run --vehicle {out}")
     try:
-        from lab.identify import picture
+        from lab.identify import fit_picture
     except ImportError:
         lines.append(f"no picture: matplotlib is missing; {how_to_install('lab')}")
     else:
-        picture.draw(tracks, thetas).savefig(out.with_suffix(".png"))
+        fit_picture.draw(tracks, thetas).savefig(out.with_suffix(".png"))
         lines.append(f"written: {out.with_suffix('.png')}")
     sys.stdout.write("\n".join(lines) + "\n")
     return 0

@@ -6,15 +6,16 @@ from operator import attrgetter
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim_bridge.firmware import absent, messages, modes
-from sim_bridge.firmware.answers import BOOT_TEXTS, INFO, WARNING
+from sim_bridge.firmware import absent, reports
+from sim_bridge.firmware import mode_behaviour as modes
 from sim_bridge.firmware.board import NOWHERE, Board, Origin
-from sim_bridge.firmware.commands import CommandHandler
 from sim_bridge.firmware.failsafes import Failsafes
-from sim_bridge.firmware.frames import Message
+from sim_bridge.firmware.mav_cmd import CommandHandler
 from sim_bridge.firmware.mixer import mix, motor_pwm
+from sim_bridge.firmware.packing import Message
 from sim_bridge.firmware.params import DEFAULTS
-from sim_bridge.firmware.streams import TRANSFER_SLOWDOWN
+from sim_bridge.firmware.result_texts import BOOT_TEXTS, INFO, WARNING
+from sim_bridge.firmware.stream_schedule import TRANSFER_SLOWDOWN
 
 INPUT_PERIOD_S = 0.02
 TIMESYNC_PERIOD_S = 10.0
@@ -89,7 +90,7 @@ class Autopilot(Board):
         """All that leaves after a step: answers first, then what the streams owe."""
         for number, link in self.links.items():
             for message in link.streams.due(self.boot_s, TRANSFER_SLOWDOWN if link.parameters else 1.0):
-                for built in messages.build(message, self):
+                for built in reports.build(message, self):
                     self.send(number, built)
             for _ in range(min(PARAMETERS_PER_STEP, len(link.parameters))):
                 self.send(number, self._param_value(link.parameters.popleft(), listed=True))

@@ -15,7 +15,7 @@ from lab.loop.dive import EXACT, Dive, by_autopilot, engaging, recorded, rms
 from lab.loop.lockstep import Step
 from lab.loop.scenarios import Scenario
 from lab.rivals import alt_hold
-from sim_bridge.firmware.modes import ALT_HOLD
+from sim_bridge.firmware.mode_behaviour import ALT_HOLD
 from sim_bridge.vehicle import Truth
 
 NAMES = {

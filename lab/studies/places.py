@@ -19,7 +19,7 @@ from lab.studies.courses import COURSES, ROWS, SETTLES_S, sail
 from lab.study import Row, Study, by, known
 from lab.style import BLACK, BLUE, GREEN, ORANGE, PRINTED, SMALL, VERMILLION, save
 from sim_bridge.commands import DEFAULT_CONFIG
-from sim_bridge.config import load_config as load_plant
+from sim_bridge.sim_config import load_config as load_plant
 
 FIGURES = (
     *("place_rms_mm", "place_peak_mm", "believed_rms_mm", "depth_rms_mm", "heading_rms_deg"),
