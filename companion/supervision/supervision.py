@@ -36,7 +36,7 @@ class Supervision:
         self._config = config
         self._parameters = parameters
         self.verdict = JUST_STARTED
-        self._steered_s = -math.inf
+        self._steered_s = self._held_s = -math.inf
 
     def retune(self, config: Config, *, changed: bool) -> None:
         """Go on with `config`."""
@@ -82,6 +82,7 @@ class Supervision:
         """Tell whether a steering frame goes out this tick."""
         steers = self._flight_mode.steers(self.verdict, state)
         self._steered_s = state.t_s if steers else self._steered_s
+        self._held_s = state.t_s if self.verdict.authority > 0.0 else self._held_s
         return steers
 
     def disarms_in_s(self, state: VehicleState) -> float:
@@ -89,7 +90,7 @@ class Supervision:
         waits = state.armed and self.verdict.authority == 0.0 and self.verdict.state is not State.HAND_OVER
         if not waits or self._parameters.get("FS_PILOT_INPUT") != DISARM:
             return 0.0
-        if self._monitor.pilot_heard_s > self._steered_s:
+        if self._monitor.pilot_heard_s > self._held_s:
             return 0.0
         left_s = self._steered_s + self._parameters.get("FS_PILOT_TIMEOUT", 0.0) - state.t_s
         return max(left_s, LEAST_S) if left_s > -BEAT_S else 0.0

@@ -53,6 +53,14 @@ def steering_bytes(data):
     return kinds.count("MANUAL_CONTROL") + kinds.count("RC_CHANNELS_OVERRIDE")
 
 
+def test_nobody_says_that_nobody_steers_once_a_pilot_has_taken_over():
+    dive = active(seconds=3.0)
+    dive.fault("stick", 5.0, axis="z", value=1.0)
+    after = [step.sample for step in dive.loop.run(4.0) if step.sample.verdict.state is State.PILOT]
+    assert len(after) > 100
+    assert [sample.disarms_in_s for sample in after] == [0.0] * len(after)
+
+
 @pytest.mark.parametrize(("axis", "push"), [("surge", 0.3), ("sway", -0.3)])
 def test_axes_that_are_not_held_are_the_pilots_own(axis, push):
     dive = holding()
