@@ -361,7 +361,7 @@ class Condition(IntFlag):
     DISARMED = (
         "the vehicle is disarmed",
         "",
-        "arm the vehicle",
+        "arm the vehicle at the ground station, or start Holdfast with --arm",
         "the vehicle is armed",
         "arming",
     )

@@ -182,7 +182,7 @@ def _supervision(vehicle: Vehicle, supervisor: Supervisor, look: Look) -> Iterat
 
 
 def _degrees_of_freedom(vehicle: Vehicle) -> Table:
-    table, loop = _table("", "is", "should be", "error", "learnt", ""), vehicle.loop
+    table, loop = _table("", "is", "should be", "error", "learnt", "status"), vehicle.loop
     for dof, name in _DOFS.items():
         record = vehicle.get(Dof, f"dof/{dof}")
         if record is None:

@@ -115,7 +115,7 @@ def test_a_button_that_is_refused_says_so():
     dive, log = at_the_stick(arm=False), EventLog()
     dive.cockpit.push(buttons=ENGAGE)
     texts = [event.text for step in dive.run(0.2) for event in log.step(step.sample)]
-    reported = "engage by button: refused: the vehicle is disarmed; to do: arm the vehicle"
+    reported = f"engage by button: refused: the vehicle is disarmed; to do: {Condition.DISARMED.remedy}"
     assert texts.count(reported) == 1
     dive.cockpit.push()
     dive.run(0.1)
