@@ -15,7 +15,7 @@ import msgspec
 from companion import registry
 from companion.endpoint import FORMS, Endpoint
 from companion.records import AXES
-from companion.telemetry import operator_commands, ranges
+from companion.telemetry import ranges
 from companion.telemetry.fields import means, within
 from holdfast import validation
 from holdfast.command_line import located
@@ -150,8 +150,8 @@ class AxisSection(AxisModel, frozen=True):
     Noises are standard deviations of one sample.
     """
 
-    lambda_per_s: operator_commands.Lambda = 2.0
-    kappa_per_s: operator_commands.Kappa = 4.0
+    lambda_per_s: ranges.Lambda = 2.0
+    kappa_per_s: ranges.Kappa = 4.0
     max_rate: Annotated[float, within(0.01, 3.0, "of the setpoint", "m/s or rad/s")] = 0.4
     max_acceleration: Annotated[float, within(0.01, 5.0, "of the setpoint", "m/s² or rad/s²")] = 0.3
     law: Annotated[str, means("`lyapunov` is the paper's; or one of [laws]")] = "lyapunov"
@@ -163,16 +163,16 @@ class AxisSection(AxisModel, frozen=True):
             "[compensators], and these but the network also with +observer: docs/your-own-controller.md"
         ),
     ] = "predictor"
-    learning_rate: operator_commands.LearningRate = 14.0
-    hidden_learning_rate: operator_commands.HiddenLearningRate = 0.0
-    leak_per_s: operator_commands.Leak = 0.002
-    dead_zone: operator_commands.DeadZone = 0.002
-    max_disturbance: operator_commands.MaxDisturbance = 50.0
-    position_noise: operator_commands.PositionNoise = 0.005
-    rate_noise: operator_commands.RateNoise = 0.005
-    position_noise_slow: operator_commands.SlowPositionNoise = 0.01
-    rate_noise_slow: operator_commands.SlowRateNoise = 0.005
-    disturbance_noise: operator_commands.DisturbanceNoise = 3.0
+    learning_rate: ranges.LearningRate = 14.0
+    hidden_learning_rate: ranges.HiddenLearningRate = 0.0
+    leak_per_s: ranges.Leak = 0.002
+    dead_zone: ranges.DeadZone = 0.002
+    max_disturbance: ranges.MaxDisturbance = 50.0
+    position_noise: ranges.PositionNoise = 0.005
+    rate_noise: ranges.RateNoise = 0.005
+    position_noise_slow: ranges.SlowPositionNoise = 0.01
+    rate_noise_slow: ranges.SlowRateNoise = 0.005
+    disturbance_noise: ranges.DisturbanceNoise = 3.0
     sensor_delay_s: Annotated[Delay, means("age of a sample when the autopilot sends it")] = 0.03
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgspec.structs import replace
 
+from companion.arrays import Array
 from companion.config import Config
 from companion.core.allocation import FACTORS, PER_NEWTON
 from companion.engine import Engine
@@ -15,7 +16,7 @@ from companion.identify.manoeuvre import EXCITATIONS, LEAD_S, ORDER, Manoeuvre
 from companion.identify.manoeuvre import SETTLE_S as REST_S
 from companion.identify.model import LAG, LINEAR, MASS, QUADRATIC, WEIGHT
 from companion.identify.sample_table import in_order
-from companion.records import AXES, PSI, Array, Request, Setpoint, Y, Z
+from companion.records import AXES, PSI, Request, Setpoint, Y, Z
 from lab.loop.lockstep import LinkDelay, Lockstep
 from lab.loop.scenarios import ensemble
 from sim_bridge.sim_config import SimConfig

@@ -2,7 +2,7 @@
 
 | a signal is not believed where                                    | such as                              |
 |-------------------------------------------------------------------|--------------------------------------|
-| a fine one repeats exactly (`Repeats`)                            | the climb rate of an EKF that hangs  |
+| a fine one repeats exactly (`ExactRepeats`)                       | the climb rate of an EKF that hangs  |
 | the autopilot says that its depth sensor is unhealthy             | a pressure sensor that hangs         |
 | it stays while its rate says that it moves (`Partners.stands`)    | a pressure sensor that hangs         |
 | it and its rate go opposite ways (`Partners.opposed`)             | a rate of the wrong sign             |
@@ -53,7 +53,7 @@ DIFFERENT = 0.5
 """Share of the larger motion that may be missing in the other: an EKF with GPS shows 0.71 of it."""
 
 
-class Repeats:
+class ExactRepeats:
     """Since when one signal has repeated exactly.
 
     It is a fine one if its usual change is `fine` times the least one, and that is `coarsest` at most.
@@ -157,7 +157,7 @@ class DepthAnswers:
     def __init__(self) -> None:
         self.healthy = True
         """Whether the autopilot believes its depth sensor."""
-        self._climb, self._reading = Repeats(), Repeats(PRESSED_FINE, PRESSED_STEP_M)
+        self._climb, self._reading = ExactRepeats(), ExactRepeats(PRESSED_FINE, PRESSED_STEP_M)
         self._depth, self._pressure = Partners(0.04, 2.0, LEAST_M), Partners(0.04, 2.0, LEAST_M)
         self._pressure_s = -math.inf
 
@@ -196,7 +196,7 @@ class AttitudeAnswers:
     NAMES = ("roll", "pitch", "yaw", "roll rate", "pitch rate", "yaw rate")
 
     def __init__(self) -> None:
-        self._repeats = [Repeats() for _ in self.NAMES]
+        self._repeats = [ExactRepeats() for _ in self.NAMES]
         jump, least = math.radians(1.0), math.radians(7.0)
         self._partners = [Partners(jump, 2.0, least, angular=True) for _ in range(3)]
 

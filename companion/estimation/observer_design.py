@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from companion.arrays import Array
 from companion.config import Config, ConfigError
 from companion.core.model_learner import Tables
 from companion.core.observer import INTERVALS, FiveNodes, ObserverParameters, ObserverState, ObserverTable
 from companion.core.positioning import Model
 from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN
-from companion.records import Array, Z, vector
+from companion.records import Z, vector
 from companion.steps import Steps
 
 DOUBLINGS = 40

@@ -15,12 +15,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.arrays import Array
 from companion.config import VehicleFile
 from companion.identify import model, tilt_fit
 from companion.identify.least_squares import Bounds, Solution, jackknife
 from companion.identify.model import Track, parameters
 from companion.identify.sample_table import NoDiveError
-from companion.records import AXES, PSI, Array, X, Y
+from companion.records import AXES, PSI, X, Y
 
 START_SIZES: Final = (0.5, 1.0, 2.5)
 START_LAG_S, START_START_S = 0.06, 0.1

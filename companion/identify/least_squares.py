@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from companion.records import Array
+from companion.arrays import Array
 
 Residuals = Callable[[Array], Array]
 Bounds = tuple[Array, Array]

@@ -32,11 +32,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from companion.arrays import Array
 from companion.config import VehicleFile
 from companion.core.allocation import FACTORS, PER_NEWTON, T200_N, T200_PWM_US, T200_VOLTAGE_V
 from companion.identify.least_squares import Bounds, Residuals, Solution, least_squares
 from companion.identify.sample_table import STEP_S, Table
-from companion.records import AXES, Array
+from companion.records import AXES
 
 TICK_S: Final = 0.02
 TICKS: Final = round(STEP_S / TICK_S)

@@ -10,8 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.core.allocation import FACTORS, T200_VOLTAGE_V
-from companion.records import Array
 
 STEP_S: Final = 0.1
 MAX_GAP_S: Final = 0.6

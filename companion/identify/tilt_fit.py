@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.arrays import Array
 from companion.identify.least_squares import jackknife, least_squares
 from companion.identify.model import TICK_S, TICKS, Track
 from companion.identify.sample_table import STEP_S
-from companion.records import Array
 
 NAMES: Final = ("roll_inertia", "pitch_inertia", "roll_righting_nm", "pitch_righting_nm", "lever_m")
 LENGTH_S = 1.0

@@ -15,8 +15,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.core.allocation import FACTORS, HORIZONTAL, PER_NEWTON, PUSH, interpolated
-from companion.records import AXES, Array, AxisCommand
+from companion.records import AXES, AxisCommand
 
 PULSE_S, REST_S, FIT_S = 0.3, 1.2, 1.0
 """Time of a pulse each way, of the rest after it, and from its start to the end of the fit."""

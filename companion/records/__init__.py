@@ -14,7 +14,6 @@ from companion.records.dof import (
     PSI,
     ZERO,
     Angles,
-    Array,
     Flags,
     Vector,
     X,

@@ -3,10 +3,6 @@
 from collections.abc import Iterable
 from typing import NamedTuple, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 Flags = tuple[bool, bool, bool, bool]
 """Yes or no for each degree of freedom, or for each axis."""
 Vector = tuple[float, float, float, float]

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import UNSET
 
 from companion.telemetry import ranges
-from companion.telemetry.fields import fields_of, means, unit_of, within
+from companion.telemetry.fields import fields_of, means, unit_of
 from companion.telemetry.plan import MAX_SEGMENTS, PathPlan
 from companion.telemetry.schemas import Reply, printable
 from holdfast import validation
@@ -26,42 +26,6 @@ MAX_VALUES = 7 * MAX_SEGMENTS + 100
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 Optional = msgspec.UnsetType
 Confirmed = Annotated[bool, means("confirms a change of more than twofold, or from or to zero")]
-
-# Gains: `holdfast lab tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
-Lambda = Annotated[
-    float, within(0.05, 30.0, "1/lambda + 1/kappa must exceed the delay and the thrusters' lag", title="λ")
-]
-Kappa = Annotated[float, within(0.05, 50.0, "how hard the law pulls to the decay by lambda", title="κ")]
-LearningRate = Annotated[
-    float, within(0.0, 1000.0, "of the chosen compensator", title="learning rate", beside_zero=1e-3)
-]
-HiddenLearningRate = Annotated[
-    float, within(0.0, 100.0, "of the network's hidden layer", title="hidden rate", beside_zero=1e-3)
-]
-Leak = Annotated[float, within(0.0, 1.0, "how fast the compensator forgets", title="leak", beside_zero=1e-6)]
-DeadZone = Annotated[
-    float,
-    within(0.0, 0.5, "combined error without learning", "m/s or rad/s", title="dead zone", beside_zero=1e-6),
-]
-MaxDisturbance = Annotated[
-    float,
-    within(0.1, 500.0, "0.5 m/s of current: 42 N from ahead, 54 N abeam", "N or N·m", title="limit of d̂"),
-]
-
-# Noise of a sample (never exactly none: the Kalman gain divides by it), and of the disturbance per √s.
-PositionNoise = Annotated[float, within(1e-5, 1.0, "white", "m or rad", title="position noise")]
-RateNoise = Annotated[float, within(1e-5, 1.0, "white", "m/s or rad/s", title="rate noise")]
-SlowPositionNoise = Annotated[
-    float,
-    within(0.0, 1.0, "over delays.slow_noise_s", "m or rad", title="slow position noise", beside_zero=1e-5),
-]
-SlowRateNoise = Annotated[
-    float,
-    within(0.0, 1.0, "over delays.slow_noise_s", "m/s or rad/s", title="slow rate noise", beside_zero=1e-5),
-]
-DisturbanceNoise = Annotated[
-    float, within(0.01, 100.0, "change of the disturbance", "N/√s or N·m/√s", title="disturbance noise")
-]
 
 
 class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -184,13 +148,13 @@ class SetGains(Payload, frozen=True):
     order = "set gains"
 
     axis: AxisName
-    lambda_per_s: Lambda | Optional = UNSET
-    kappa_per_s: Kappa | Optional = UNSET
-    learning_rate: LearningRate | Optional = UNSET
-    hidden_learning_rate: HiddenLearningRate | Optional = UNSET
-    leak_per_s: Leak | Optional = UNSET
-    dead_zone: DeadZone | Optional = UNSET
-    max_disturbance: MaxDisturbance | Optional = UNSET
+    lambda_per_s: ranges.Lambda | Optional = UNSET
+    kappa_per_s: ranges.Kappa | Optional = UNSET
+    learning_rate: ranges.LearningRate | Optional = UNSET
+    hidden_learning_rate: ranges.HiddenLearningRate | Optional = UNSET
+    leak_per_s: ranges.Leak | Optional = UNSET
+    dead_zone: ranges.DeadZone | Optional = UNSET
+    max_disturbance: ranges.MaxDisturbance | Optional = UNSET
     confirm: Confirmed = False
 
 

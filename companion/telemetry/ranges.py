@@ -33,3 +33,39 @@ Laps = Annotated[int, within(0, 1000)]
 
 # Thrusters.
 Lag = Annotated[float, within(0.02, 1.0, "from a motor's command to its thrust; T200: 0.1 to 0.2 s")]
+
+# Gains: `holdfast lab tune` searches λ up to 24, κ up to 48 and learning rates up to 600.
+Lambda = Annotated[
+    float, within(0.05, 30.0, "1/lambda + 1/kappa must exceed the delay and the thrusters' lag", title="λ")
+]
+Kappa = Annotated[float, within(0.05, 50.0, "how hard the law pulls to the decay by lambda", title="κ")]
+LearningRate = Annotated[
+    float, within(0.0, 1000.0, "of the chosen compensator", title="learning rate", beside_zero=1e-3)
+]
+HiddenLearningRate = Annotated[
+    float, within(0.0, 100.0, "of the network's hidden layer", title="hidden rate", beside_zero=1e-3)
+]
+Leak = Annotated[float, within(0.0, 1.0, "how fast the compensator forgets", title="leak", beside_zero=1e-6)]
+DeadZone = Annotated[
+    float,
+    within(0.0, 0.5, "combined error without learning", "m/s or rad/s", title="dead zone", beside_zero=1e-6),
+]
+MaxDisturbance = Annotated[
+    float,
+    within(0.1, 500.0, "0.5 m/s of current: 42 N from ahead, 54 N abeam", "N or N·m", title="limit of d̂"),
+]
+
+# Noise of a sample (never exactly none: the Kalman gain divides by it), and of the disturbance per √s.
+PositionNoise = Annotated[float, within(1e-5, 1.0, "white", "m or rad", title="position noise")]
+RateNoise = Annotated[float, within(1e-5, 1.0, "white", "m/s or rad/s", title="rate noise")]
+SlowPositionNoise = Annotated[
+    float,
+    within(0.0, 1.0, "over delays.slow_noise_s", "m or rad", title="slow position noise", beside_zero=1e-5),
+]
+SlowRateNoise = Annotated[
+    float,
+    within(0.0, 1.0, "over delays.slow_noise_s", "m/s or rad/s", title="slow rate noise", beside_zero=1e-5),
+]
+DisturbanceNoise = Annotated[
+    float, within(0.01, 100.0, "change of the disturbance", "N/√s or N·m/√s", title="disturbance noise")
+]

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.core.actuation import NO_AXES, NONE
 from companion.core.permission import Permission, Wanted
 from companion.core.tick import begin, confirm, control, observe, start
-from companion.records import LEVEL, Array, Axes, Setpoint
+from companion.records import LEVEL, Axes, Setpoint
 from companion.supervision.guard import bounded
 from lab.batch.companion import Companion, inputs, on_the_wire
 from lab.batch.stand_in import (

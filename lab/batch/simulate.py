@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.config import Config
-from companion.records import Array, Setpoint
+from companion.records import Setpoint
 from lab.batch.companion import companion_of
 from lab.batch.compiled import cached, is_ours
 from lab.batch.loop import dive

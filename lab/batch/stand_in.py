@@ -16,8 +16,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.core.attitude import angle_rates
-from companion.records import Array
 from sim_bridge.firmware.input_loop import INPUT_PERIOD_S
 from sim_bridge.firmware.mixer import mix_six_dof, mix_vectored
 from sim_bridge.physics.body import STEP_S, Plant, plant_of

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from companion.records import Array, Z
+from companion.arrays import Array
+from companion.records import Z
 from lab import style
 from lab.demo.demo_dives import NAMES, PARTS, DemoFigures
 from lab.demo.story import Story

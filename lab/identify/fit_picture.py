@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from companion.arrays import Array
 from companion.identify.model import BODY, HORIZONS_S, Track, moved
-from companion.records import AXES, PSI, Array, Z
+from companion.records import AXES, PSI, Z
 from lab import style
 
 SHOWN_S = 40.0

@@ -17,12 +17,13 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from companion.arrays import Array
 from companion.core.allocation import FACTORS
 from companion.identify.sample_table import NoDiveError, Rows, Streams, Table
 from companion.mavlink.ardusub import FRAMES, motor_outputs
 from companion.mavlink.frames import frame_at
 from companion.mavlink.messages import is_known, message_name
-from companion.records import AXES, Array, State
+from companion.records import AXES, State
 from companion.telemetry.schemas import Raw
 from dashboard.recording.mcap_file import MAGIC, Reader
 from lab.identify import spreadsheet

@@ -16,8 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.identify.sample_table import ABSURD, NoDiveError, Streams
-from companion.records import Array
 from holdfast.files import encoding
 from lab.identify.telemetry import not_read
 

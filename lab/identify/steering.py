@@ -19,9 +19,9 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.arrays import Array
 from companion.identify.sample_table import HOLDS_S, Rows, in_order
 from companion.mavlink.ardusub import LEAVE_ALONE, SPAN_US, STICK, STICK_NEUTRAL_Z, from_pwm_us
-from companion.records import Array
 
 Message = tuple[float, str, int, tuple[float, ...]]
 """When it arrived (s), its name, the system that sent it, its numbers."""

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.arrays import Array
 from companion.identify.sample_table import NoDiveError, Rows, Streams
 from companion.mavlink.ardusub import DIRECTIONS, FUNCTIONS, NEUTRAL_US, SPAN_US, motor_outputs
-from companion.records import Array
 from lab.identify.steering import MANUAL_CONTROL, OVERRIDE, Said, acted, is_armed, until_stale
 
 Fields = Callable[[str], Any]

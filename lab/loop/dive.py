@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.arrays import Array
 from companion.config import Config
 from companion.core.bounds import wrap
 from companion.engine import Engine
-from companion.records import PSI, Array, Request, Setpoint, State, X, Y, Z
+from companion.records import PSI, Request, Setpoint, State, X, Y, Z
 from lab.loop.firmware import vehicle_of
 from lab.loop.lockstep import LinkDelay, Lockstep, Step, SteppedVehicle
 from lab.loop.scenarios import SETTLE_S, Scenario

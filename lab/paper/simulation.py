@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from companion.arrays import Array
 from companion.core import integrator, network
 from companion.core.compensator import Inputs, Signals
 from companion.core.law import rov_law
-from companion.records import Array
 from lab.batch.compiled import cached
 
 MASS_KG = 50.0

@@ -18,12 +18,13 @@ import msgspec
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.arrays import Array
 from companion.config import DEFAULT_FILE, Config, load_config
 from companion.engine import Engine
 from companion.guidance.orders import ordering
 from companion.identify.sample_table import NoDiveError
 from companion.mavlink.signing import Signing
-from companion.records import AXES, Array, LoopHealth, Request, Setpoint, vector
+from companion.records import AXES, LoopHealth, Request, Setpoint, vector
 from companion.steps import finish
 from companion.telemetry.operator_commands import parse
 from companion.telemetry.schemas import Raw

@@ -15,10 +15,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from companion import assembly
+from companion.arrays import Array
 from companion.config import Config
 from companion.config import load_config as load_companion
 from companion.core.allocation import T200_VOLTAGE_V, delivered
-from companion.records import Array, AxisCommand, Setpoint, State
+from companion.records import AxisCommand, Setpoint, State
 from lab.loop.dive import engaging, recorded
 from lab.loop.lockstep import LinkDelay, Step
 from lab.loop.scenarios import water

@@ -18,9 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from companion.arrays import Array
 from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
-from companion.records import Array, Setpoint
+from companion.records import Setpoint
 from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory

@@ -6,7 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from companion.records import Array
+from companion.arrays import Array
 
 CONFIDENCE = 0.95
 

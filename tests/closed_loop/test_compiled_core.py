@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, hold
 
+from companion.arrays import Array
 from companion.core import tick
 from companion.core.allocation import ByAxis
 from companion.core.observers import Inputs
 from companion.core.permission import Permission, Wanted
 from companion.core.tick import Known, Memory, Parameters, begin, confirm, control, observe, start
-from companion.records import PSI, Array, Axes, X, Z
+from companion.records import PSI, Axes, X, Z
 from lab.batch.companion import as_arguments
 from lab.batch.compiled import cached
 

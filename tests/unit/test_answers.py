@@ -10,7 +10,7 @@ from companion.estimation.answers import (
     LEAST_M,
     AttitudeAnswers,
     DepthAnswers,
-    Repeats,
+    ExactRepeats,
 )
 from companion.records.events import Attitude
 
@@ -18,7 +18,7 @@ TICK_S = 0.02
 
 
 def fed(values, repeats=None, tick_s=TICK_S):
-    repeats = repeats or Repeats()
+    repeats = repeats or ExactRepeats()
     for i, value in enumerate(values):
         repeats.step(i * tick_s, value)
     return repeats
@@ -47,7 +47,7 @@ def test_a_fine_signal_that_repeats_is_frozen_from_its_last_change_on():
     ids=["rounded and at rest", "decays to nothing", "never anything"],
 )
 def test_a_rounded_signal_and_one_that_comes_to_rest_may_repeat(values):
-    repeats = Repeats()
+    repeats = ExactRepeats()
     for i, value in enumerate(values):
         repeats.step(i * TICK_S, value)
         assert not repeats.frozen(i * TICK_S)
