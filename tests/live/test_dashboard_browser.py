@@ -434,7 +434,7 @@ def test_an_alarm_is_heard_and_felt_when_control_ends_without_the_pilot(
     page = opened(f"/#token={TOKEN}")
     page.evaluate(_HEARD)
     button = page.locator("#alarm")
-    assert button.text_content() == "touch the page for sound"  # a browser plays none before
+    assert button.text_content() == "touch for sound"  # a browser plays none before
     page.locator("#banner").click(position={"x": 5, "y": 60})
     _wait(page, "document.querySelector('#alarm').textContent === 'alarm on'")
     _post(dive.port, "/api/kelp/release", TOKEN)  # somebody meant it
@@ -519,6 +519,26 @@ def test_the_pilots_page_fits_a_phone_and_leads_to_the_engineers(
     _active(dive, page)
     page.locator("#tune").click()
     assert _get(page, _ON_TOP % "release")
+
+
+_COVERED = """(() => {
+  const alarm = document.querySelector("#alarm"), range = document.createRange();
+  document.querySelector("#state").textContent = "HAND OVER";
+  document.querySelector("#meaning").textContent = "ALT_HOLD has it";
+  alarm.textContent = "touch for sound"; alarm.dataset.sounds = "yes";
+  const box = alarm.getBoundingClientRect();
+  return [...document.querySelectorAll("#banner :is(strong, h2, #meaning, p)")].filter((node) => {
+    range.selectNodeContents(node);
+    const { left, right, top, bottom } = range.getBoundingClientRect();
+    return left < box.right && right > box.left && top < box.bottom && bottom > box.top;
+  }).map((node) => node.textContent);
+})()"""
+
+
+@pytest.mark.parametrize("width", [1440, 1024, 390])
+def test_the_alarm_covers_no_words(opened: Callable[..., Page], width: int) -> None:
+    page = opened("/", width=width)
+    assert _get(page, _COVERED) == []
 
 
 @pytest.mark.parametrize("width", [1440, 1024, 390])

@@ -81,8 +81,8 @@ export class Alarm {
   }
 
   refresh() {
-    const can = globalThis.AudioContext ? (this.ready ? "" : "touch the page for sound") : "no sound in this browser";
-    const words = !this.on ? "alarm off" : this.sounds ? ["Silence", can].filter(Boolean).join(": ") : can || "alarm on";
+    const can = globalThis.AudioContext ? (this.ready ? "" : "touch for sound") : "no sound here";
+    const words = !this.on ? "alarm off" : can || (this.sounds ? "Silence" : "alarm on");
     say(this.node, words);
     mark(this.node, "sounds", this.sounds ? "yes" : "no");
   }
