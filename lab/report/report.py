@@ -56,7 +56,8 @@ def main(argv: list[str]) -> int:
         }
         if not columns:
             parser.error("no dive held anything, or was armed in one flight mode, for long enough")
-        said, shown = list[str](), {name: (logs[name], phase) for name, phase in columns.items()}
+        said = [f"{name}: {warning}" for name, log in logs.items() for warning in warnings(log)]
+        shown = {name: (logs[name], phase) for name, phase in columns.items()}
         title, name = "Dives beside each other", "compared"
     else:
         columns = {f"phase {number}": phase for number, phase in enumerate(found[name], 1)}

@@ -254,7 +254,9 @@ def test_two_dives_stand_beside_each_other(
     calm = 1e3 * state["depth_m"][state["at_s"] >= 3.0]
     assert phase.held[0].sd == pytest.approx(calm.std(), rel=1e-3)
     assert main([str(other), str(dive), "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out.splitlines()
+    told = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("* alt-hold: it never engaged") for line in told)
+    said = [line for line in told if not line.startswith("* ")]
     assert said[0].split() == ["alt-hold", "kelp"]
     assert said[1].split() == ["steered", "by", "ALT_HOLD", "Holdfast"]
     (row,) = (line for line in said if line.startswith("depth, SD"))
