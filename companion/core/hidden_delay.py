@@ -16,7 +16,7 @@ are parameters of the same regression, of which x alone is used (decision 49).
 | P      | what is not known beforehand                  |                | diag(PRIOR²)                    |
 | u      | commanded thrust                              | N              | observer                        |
 
-A thruster that is slower than the model in use looks the same, and does the same harm.
+A thruster that is slower than the model in use looks the same.
 """
 
 import math
@@ -41,7 +41,9 @@ SPREAD_MEMORY_S = 10.0
 PRIOR_S = 0.02
 """Standard deviation of what is hidden, as far as is known beforehand."""
 
-LARGEST_S = 0.1
+LARGEST_S = 0.04
+"""As much is hidden by the autopilot's filter and by sensors that have no stamps; motors that start late look
+like more, and samples that were dated back for them threw vehicles off their place (decision 49)."""
 SLEW = 0.02
 """Seconds of delay a second at most."""
 
@@ -58,7 +60,7 @@ class Information(NamedTuple):
 
 
 class HiddenDelayState(NamedTuple):
-    """What was found, `hidden_s`, 0..LARGEST_S; the observers, and what they have shown so far."""
+    """What was found, `hidden_s`; the observers, and what they have shown so far."""
 
     hidden_s: float
     observer: ObserverState
@@ -96,9 +98,11 @@ def step(
     gain: float,
     lag_s: float,
     sample: Sample,
+    known_s: float = 0.0,
 ) -> HiddenDelayState:
     """Go on by a step, whose time is above zero, to what was measured at its end.
 
+    No more is found than LARGEST_S, or `known_s`, which was known beforehand, where that is more.
     Without commands that vary `hidden_s` stays as it is.
     """
     u, dt_s, f, v = push.u, push.dt_s, state.observer.f, state.observer.v
@@ -131,7 +135,7 @@ def step(
     of_drag = weight_q * drag_q * nu_q + weight_v * drag_v * nu_v
     wanted = _more(information, of_delay, of_gain, of_drag)
     return HiddenDelayState(
-        hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, LARGEST_S),
+        hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, max(LARGEST_S, known_s)),
         observer=correct(parameters, observed, nu_q, nu_v),
         by_delay=correct(parameters, by_delay, -delay_q, -delay_v),
         by_gain=correct(parameters, by_gain, -gain_q, -gain_v),

@@ -412,7 +412,9 @@ def _hidden(
     if not shown.push.dt_s > 0.0:
         return hidden
     gain, lag_s = schedule.gain[Z], schedule.dofs[Z].control[0].thrust_lag_s
-    return hidden_delay.step(observers.hidden, hidden, shown.push, gain, lag_s, shown.sample)
+    return hidden_delay.step(
+        observers.hidden, hidden, shown.push, gain, lag_s, shown.sample, observers.hidden_s
+    )
 
 
 def _motion(dofs: list[Moving]) -> Motion:
