@@ -9,7 +9,7 @@ from companion import assembly
 from companion.config import load_config
 from companion.core import controller, model_learner, observers, predictor
 from companion.core.actuation import NONE
-from companion.core.axis import Ahead, Orders
+from companion.core.axis import Orders
 from companion.core.observer import Push, Sample
 from companion.core.positioning import jacobian
 from companion.estimation.belief import believed
@@ -35,12 +35,15 @@ class Law:
         )
 
     def tick(self, s, target, engaged=ALL, saturated=NONE, verdict=HOLDS, idle=NOBODY):
-        self.ahead = Ahead(
+        self.motion = observers.Estimates(
+            s.eta,
+            s.eta_dot,
+            s.ahead_s,
             s.eta_ahead,
             s.eta_dot_ahead,
-            s.ahead_s,
             s.disturbance,
             predictor.NONE,
+            s.innovation,
             s.delays.total_s,
             s.model.dof_gain,
         )
@@ -49,7 +52,7 @@ class Law:
         orders = Orders(engaged, saturated, idle, full and not verdict.freeze, full, FULL)
         J = jacobian(s.eta_ahead[PSI])
         self.memory, samples = controller.step(
-            self.parameters, self.memory, self.ahead, J, target, orders, TICK_S
+            self.parameters, self.memory, self.motion, J, target, orders, TICK_S
         )
         return DofSample(*zip(*samples, strict=True))
 
@@ -60,8 +63,8 @@ class Law:
             self.parameters,
             new.parameters,
             self.memory,
-            self.ahead,
-            jacobian(self.ahead.eta[PSI]),
+            self.motion,
+            jacobian(self.motion.eta_ahead[PSI]),
             self.target,
         )
         return new

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 from companion.core import oscillation, reference
 from companion.core.bounds import limited, wrap
 from companion.core.compensator import NO_COMPENSATOR, ChosenCompensator, Signals
-from companion.core.four import Four
 from companion.core.law import ChosenLaw, Motion
+from companion.core.observers import Estimates
 from companion.core.oscillation import mean_disturbance, scaled_disturbance
-from companion.core.predictor import Predicted
 from companion.core.schedule import NO_GAINS, Gains, ScheduledGains, scheduled
 from companion.records import DofSample, Flags, Setpoint, Vector
 
@@ -56,19 +55,6 @@ class AxisMemory(NamedTuple):
     """The compensator is another one now, and knows nothing: it takes `d_hat` over."""
 
 
-class Ahead(NamedTuple):
-    """Where a command that is sent now finds the vehicle, NED, and what is known of it."""
-
-    eta: Vector
-    eta_dot: Vector
-    ahead_s: float
-    disturbance: Vector
-    predicted: Four[Predicted]
-    delay_s: float
-    """Delay of the whole loop."""
-    gain: Vector
-
-
 class Orders(NamedTuple):
     """What the law is to do in this tick."""
 
@@ -87,7 +73,7 @@ class Orders(NamedTuple):
 class Place(NamedTuple):
     """Where the command acts: the vehicle, its nominal inertia and drag there, and what is to be done."""
 
-    ahead: Ahead
+    motion: Estimates
     gain: Vector
     """Force per command over inertia that the law takes it for, relative to the nominal vehicle."""
     m: Vector
@@ -117,14 +103,14 @@ def at_rest(axis: Axis, x: float, x_dot: float, d_observer: float) -> AxisMemory
 
 
 def aim(
-    i: int, axis: Axis, memory: AxisMemory, ahead: Ahead, target: Setpoint, orders: Orders, dt_s: float
+    i: int, axis: Axis, memory: AxisMemory, motion: Estimates, target: Setpoint, orders: Orders, dt_s: float
 ) -> Aimed:
     """Advance the reference toward where the target will be when the command acts; draw back the gains."""
     if orders.idle[i]:
         return memory.reference, NO_GAINS
-    there = reference.ahead(target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i], ahead.ahead_s)
+    there = reference.ahead(target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i], motion.ahead_s)
     desired = reference.step(axis.reference, memory.reference, *there, orders.pace[i], dt_s)
-    return desired, scheduled(axis.gains, ahead.delay_s, memory.oscillation.gain_scale)
+    return desired, scheduled(axis.gains, motion.delay_s, memory.oscillation.gain_scale)
 
 
 def step(
@@ -134,7 +120,7 @@ def step(
     if at.orders.idle[i]:
         return idle(i, axis, memory, at, dt_s)
     desired, gains = aimed
-    x, x_dot = at.ahead.eta[i], at.ahead.eta_dot[i]
+    x, x_dot = at.motion.eta_ahead[i], at.motion.eta_dot_ahead[i]
     e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
     e_dot = x_dot - desired.x_d_dot
     signals = Signals(e, e_dot, e_dot + gains.gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
@@ -170,8 +156,8 @@ def disturbance(
 ) -> tuple[Any, float, float, bool]:
     """Return what the compensator has learnt, the mean of d, d̂ (N; N·m), and whether it learnt."""
     compensator, learnt = axis.compensator, memory.learnt
-    predicted = at.ahead.predicted[i]
-    d = observed(axis, at.ahead.disturbance[i] + (predicted.rise if axis.predicts else 0.0))
+    predicted = at.motion.predicted[i]
+    d = observed(axis, at.motion.disturbance[i] + (predicted.rise if axis.predicts else 0.0))
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
     learns, learn_s = at.orders.learns and at.free[i], gains.share * gains.share / at.gain[i] * dt_s
@@ -223,7 +209,7 @@ def sampled(
     desired = memory.reference
     x, d_hat, d_observer, feedforward, feedback = desired.x_d, 0.0, 0.0, 0.0, 0.0
     if not at.orders.idle[i]:
-        x, d_hat, d_observer = at.ahead.eta[i], memory.d_hat, at.ahead.disturbance[i]
+        x, d_hat, d_observer = at.motion.eta_ahead[i], memory.d_hat, at.motion.disturbance[i]
         feedforward = (at.k_plus_h[i] + at.m[i] * desired.x_d_ddot) / at.gain[i]
         feedback = memory.asked - feedforward - d_hat
     return DofSample(  # Python takes up to thirty arguments quickly, and counts a keyword twice
@@ -250,7 +236,7 @@ def sampled(
 def weight_norm(i: int, axis: Axis, memory: AxisMemory, at: Place) -> float:
     """Return the norm of the weights of what learns."""
     if axis.predicts:
-        return at.ahead.predicted[i].weight_norm
+        return at.motion.predicted[i].weight_norm
     return axis.compensator.weight_norm(memory.learnt)
 
 

@@ -4,9 +4,10 @@ import math
 from typing import NamedTuple
 
 from companion.core import axis
-from companion.core.axis import Ahead, Axis, AxisMemory, Orders, Place, Sample
+from companion.core.axis import Axis, AxisMemory, Orders, Place, Sample
 from companion.core.bounds import clamped
 from companion.core.four import each_of_two
+from companion.core.observers import Estimates
 from companion.core.positioning import Jacobian, Model, coriolis_and_damping, inertia, to_body
 from companion.records import PSI, Flags, Setpoint, Vector, X, Y, Z, without
 
@@ -59,7 +60,7 @@ def at_rest(control: Control, eta: Vector, eta_dot: Vector, disturbance: Vector)
 def step(
     control: Control,
     memory: ControlMemory,
-    ahead: Ahead,
+    motion: Estimates,
     J: Jacobian,
     target: Setpoint,
     orders: Orders,
@@ -76,15 +77,15 @@ def step(
         orders = orders._replace(learns=False)
 
     aims = (
-        axis.aim(X, x, of_x, ahead, target, orders, dt_s),
-        axis.aim(Y, y, of_y, ahead, target, orders, dt_s),
-        axis.aim(Z, z, of_z, ahead, target, orders, dt_s),
-        axis.aim(PSI, psi, of_psi, ahead, target, orders, dt_s),
+        axis.aim(X, x, of_x, motion, target, orders, dt_s),
+        axis.aim(Y, y, of_y, motion, target, orders, dt_s),
+        axis.aim(Z, z, of_z, motion, target, orders, dt_s),
+        axis.aim(PSI, psi, of_psi, motion, target, orders, dt_s),
     )
-    nu = to_body(J, each_of_two(drag_rate, (X, Y, Z, PSI), aims, ahead.eta_dot, orders.idle))
+    nu = to_body(J, each_of_two(drag_rate, (X, Y, Z, PSI), aims, motion.eta_dot_ahead, orders.idle))
     at = Place(
-        ahead=ahead,
-        gain=each_of_two(clamped, ahead.gain, LEAST_GAIN, math.inf),
+        motion=motion,
+        gain=each_of_two(clamped, motion.gain, LEAST_GAIN, math.inf),
         m=inertia(control.model, J),
         k_plus_h=coriolis_and_damping(control.model, J, nu),
         orders=orders,
@@ -129,14 +130,14 @@ def without_thrust(memory: ControlMemory, tau_ned: Vector) -> ControlMemory:
 
 
 def taken_over(
-    old: Control, control: Control, memory: ControlMemory, ahead: Ahead, J: Jacobian, target: Setpoint
+    old: Control, control: Control, memory: ControlMemory, motion: Estimates, J: Jacobian, target: Setpoint
 ) -> ControlMemory:
     """Go on with other laws or gains, without a step in thrust.
 
-    The new law is asked at the place and time of the last tick (`ahead`, J, `target`) how much more or less
+    The new law is asked at the place and time of the last tick (`motion`, J, `target`) how much more or less
     it wants than the old one did.
     """
     x, y, z, psi = map(axis.taken_over, old.axes, control.axes, memory.axes)
     known = ControlMemory((x, y, z, psi), memory.engaged_s)
-    asked, _ = step(control, known, ahead, J, target, STILL, 0.0)
+    asked, _ = step(control, known, motion, J, target, STILL, 0.0)
     return ControlMemory(each_of_two(axis.bumpless, asked.axes, memory.axes), memory.engaged_s)

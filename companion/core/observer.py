@@ -32,7 +32,7 @@ INTERVALS = (1, 4, 12, 25)
 """Ticks between two measurements for which Kalman gains are computed. With the gain of one tick the observers
 of heave and yaw diverge where the rate comes every tenth."""
 
-Motion = tuple[float, float, float]
+Point = tuple[float, float, float]
 """q, v and f: a plain tuple, for it is made in every step of every prediction."""
 StepCoefficients = tuple[float, float, float, float]
 """The model over one step: h/2, what is kept of f and of v, and what 2 N give v."""
@@ -108,7 +108,7 @@ def coefficients(push: Push, gain: float, lag_s: float, dt_s: float) -> StepCoef
     return half_s, math.exp(dt_s / -lag_s), m / damped, half_s / damped
 
 
-def predict_step(step: StepCoefficients, motion: Motion, u: float, d: float) -> Motion:
+def predict_step(step: StepCoefficients, motion: Point, u: float, d: float) -> Point:
     """Return the motion one step later: exact in the thrust lag, implicit in the drag, else trapezoidal."""
     half_s, keep, coast, push = step
     q, v, f = motion
@@ -117,7 +117,7 @@ def predict_step(step: StepCoefficients, motion: Motion, u: float, d: float) -> 
     return (q + half_s * (v + v_next), v_next, f_next)
 
 
-def predict(step: StepCoefficients, state: ObserverState, thrusts: Iterable[float], d: float) -> list[Motion]:
+def predict(step: StepCoefficients, state: ObserverState, thrusts: Iterable[float], d: float) -> list[Point]:
     """Return the trajectory through the commanded `thrusts`: the motion now, and after each of them.
 
     `d` takes the place of the estimated disturbance.

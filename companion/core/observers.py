@@ -143,17 +143,23 @@ class Outlook(NamedTuple):
     """Whether all estimates are finite, and have not diverged."""
 
 
-class Motion(NamedTuple):
+class Estimates(NamedTuple):
     """Pose and rate now, both `ahead_s` later, the disturbance, and the newest innovation; NED, ψ wrapped."""
 
     eta: Vector
     eta_dot: Vector
+    ahead_s: float
+    """A command that is sent now acts so much later."""
     eta_ahead: Vector
     eta_dot_ahead: Vector
     disturbance: Vector
     predicted: Four[Predicted]
     """What the disturbance rises until the command acts."""
     innovation: Vector
+    delay_s: float
+    """Delay of the whole loop."""
+    gain: Vector
+    """Of the vehicle, by degree of freedom."""
 
 
 class Now(NamedTuple):
@@ -220,7 +226,7 @@ def _unknown(predicting: predictor.State) -> DofMemory:
 
 def step(
     observers: Observers, memory: ObserversMemory, inputs: Inputs, feedback: Feedback = NO_FEEDBACK
-) -> tuple[ObserversMemory, Motion]:
+) -> tuple[ObserversMemory, Estimates]:
     """Bring each observer on to the newest measurements and predict from there to now and ahead.
 
     What is `stale` rests where it was.
@@ -244,7 +250,12 @@ def step(
         hidden=_hidden(observers, memory.hidden, shown[Z], schedule),
         learner=learner,
         commands=memory.commands,
-    ), _motion([moving for _, moving, _ in observed])
+    ), _estimates(
+        [moving for _, moving, _ in observed],
+        inputs.ahead_s,
+        inputs.telemetry_s + inputs.command_s + memory.hidden.hidden_s,
+        learner.model.dof_gain,
+    )
 
 
 def _rested(memory: ObserversMemory, inputs: Inputs) -> ObserversMemory:
@@ -417,16 +428,19 @@ def _hidden(
     )
 
 
-def _motion(dofs: list[Moving]) -> Motion:
+def _estimates(dofs: list[Moving], ahead_s: float, delay_s: float, gain: Vector) -> Estimates:
     x, y, z, psi = dofs
-    return Motion(
+    return Estimates(
         eta=(x.q, y.q, z.q, wrap(psi.q)),
         eta_dot=(x.q_dot, y.q_dot, z.q_dot, psi.q_dot),
+        ahead_s=ahead_s,
         eta_ahead=(x.q_ahead, y.q_ahead, z.q_ahead, wrap(psi.q_ahead)),
         eta_dot_ahead=(x.q_dot_ahead, y.q_dot_ahead, z.q_dot_ahead, psi.q_dot_ahead),
         disturbance=(x.disturbance, y.disturbance, z.disturbance, psi.disturbance),
         predicted=(x.predicted, y.predicted, z.predicted, psi.predicted),
         innovation=(x.innovation, y.innovation, z.innovation, psi.innovation),
+        delay_s=delay_s,
+        gain=gain,
     )
 
 
@@ -435,7 +449,7 @@ def is_believable(state: ObserverState) -> bool:
     return abs(state.q) + abs(state.v) + abs(state.f) + abs(state.d) < BELIEVABLE
 
 
-def interpolate(trajectory: list[observer.Motion], step_index: float) -> tuple[float, float]:
+def interpolate(trajectory: list[observer.Point], step_index: float) -> tuple[float, float]:
     """Return position and rate on a trajectory, `step_index` steps after its start."""
     i = min(max(int(step_index), 0), len(trajectory) - 2)
     (q_0, v_0, _), (q_1, v_1, _) = trajectory[i], trajectory[i + 1]

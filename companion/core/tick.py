@@ -10,10 +10,10 @@ from typing import NamedTuple
 from companion.core import actuation, controller, levelling, observers, thruster_watch
 from companion.core.actuation import Actuation, ActuationMemory, Limits, Tilt
 from companion.core.allocation import ByAxis
-from companion.core.axis import Ahead, Orders
+from companion.core.axis import Orders
 from companion.core.controller import Control, ControlMemory, Samples
 from companion.core.levelling import Response
-from companion.core.observers import Feedback, Inputs, Motion, Observers, ObserversMemory
+from companion.core.observers import Estimates, Feedback, Inputs, Observers, ObserversMemory
 from companion.core.permission import Permission, Wanted
 from companion.core.positioning import Jacobian, jacobian, to_body, to_inertial
 from companion.core.reference import Reference
@@ -47,8 +47,9 @@ class Known(NamedTuple):
     """What is known of the vehicle in this tick: its motion, and what it was found to be."""
 
     inputs: Inputs
-    motion: Motion
-    ahead: Ahead
+    motion: Estimates
+    J: Jacobian
+    """At the heading where a command acts that is sent now."""
     tilt: Tilt
     model: VehicleModel
     dead_motor: int
@@ -84,30 +85,30 @@ def start(parameters: Parameters) -> Memory:
 def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Memory, Known]:
     """Bring the observers on to what was measured; go on as the motors were found."""
     observed, controlled, actuated, limits, watch, ticks = memory
-    delay_s = inputs.telemetry_s + inputs.command_s + observed.hidden.hidden_s
     observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled, actuated))
-    known = known_of(inputs, motion, observed.learner.model, delay_s, watch, parameters.observers.adapts)
+    known = known_of(inputs, motion, observed.learner.model, watch, parameters.observers.adapts)
     if (watch.dead, watch.reversed) != (actuated.dead_motor, actuated.reversed_motor):
         turned = watch.reversed + actuated.reversed_motor > 0
         actuated, lost = actuation.gone_on_with(
             parameters.actuation, actuated, watch.dead, watch.reversed, known.tilt
         )
-        lost_ned = to_inertial(jacobian(known.ahead.eta[PSI]), lost)
+        lost_ned = to_inertial(known.J, lost)
         observed = observers.without_thrust(observed, lost_ned)
         controlled = controller.without_thrust(controlled, lost_ned)
         if turned:  # the vehicle was driven away, quicker than means and swings tell: begin where it is
-            observed, eta, eta_dot = observers.undisturbed(observed), known.ahead.eta, known.ahead.eta_dot
-            controlled = controller.at_rest(parameters.control, eta, eta_dot, (0.0, 0.0, 0.0, 0.0))
+            observed, still = observers.undisturbed(observed), (0.0, 0.0, 0.0, 0.0)
+            controlled = controller.at_rest(parameters.control, motion.eta_ahead, motion.eta_dot_ahead, still)
     return Memory(observed, controlled, actuated, limits, watch, ticks), known
 
 
 def begin(parameters: Parameters, memory: Memory, known: Known, permission: Permission) -> Memory:
     """Stay where the vehicle is while nothing is held; start there what is held again."""
-    control, controlled, ahead = parameters.control, memory.controlled, known.ahead
+    control, controlled, motion = parameters.control, memory.controlled, known.motion
+    eta, eta_dot = motion.eta_ahead, motion.eta_dot_ahead
     if permission.rests:
-        controlled = controller.at_rest(control, ahead.eta, ahead.eta_dot, ahead.disturbance)
+        controlled = controller.at_rest(control, eta, eta_dot, motion.disturbance)
     else:
-        controlled = controller.caught_up(control, controlled, permission.regained, ahead.eta, ahead.eta_dot)
+        controlled = controller.caught_up(control, controlled, permission.regained, eta, eta_dot)
     return memory if controlled is memory.controlled else memory._replace(controlled=controlled)
 
 
@@ -124,8 +125,7 @@ def control(
 
     `excitation` is a body force beside the law's, N and N·m, to identify the vehicle.
     """
-    ahead, full = known.ahead, permission.authority >= 1.0
-    J = jacobian(ahead.eta[PSI])
+    motion, full = known.motion, permission.authority >= 1.0
     orders = Orders(
         engaged=wanted.engaged,
         saturated=memory.actuated.saturated,
@@ -135,15 +135,15 @@ def control(
         pace=memory.limits.pace,
     )
     controlled, samples = controller.step(
-        parameters.control, memory.controlled, ahead, J, wanted.target, orders, dt_s
+        parameters.control, memory.controlled, motion, known.J, wanted.target, orders, dt_s
     )
-    requested = wrench(J, samples, excitation)
-    away_m = distance_m(ahead.eta, controlled)
+    requested = wrench(known.J, samples, excitation)
+    away_m = distance_m(motion.eta_ahead, controlled)
     actuated, axes, limits = actuation.step(
         parameters.actuation, memory.actuated, requested, permission, wanted, known.tilt, away_m, dt_s
     )
     controlled = controller.caught_up(
-        parameters.control, controlled, limits.off_track, ahead.eta, ahead.eta_dot
+        parameters.control, controlled, limits.off_track, motion.eta_ahead, motion.eta_dot_ahead
     )
     finite = math.isfinite(requested[0] + requested[1] + requested[2] + requested[3])
     demand = Demand(known, permission, wanted, samples, requested, axes, finite)
@@ -154,7 +154,7 @@ def confirm(parameters: Parameters, memory: Memory, demand: Demand, applied: Axe
     """Remember what the vehicle makes of the command that left; axes that are not `held` are the pilot's."""
     tilt, inputs = demand.known.tilt, demand.known.inputs
     actuated, given = actuation.sent(parameters.actuation, memory.actuated, applied, tilt, held)
-    given_ned = to_inertial(jacobian(demand.known.ahead.eta[PSI]), given)
+    given_ned = to_inertial(demand.known.J, given)
     watch, ticks = memory.watch, memory.watch_ticks
     if parameters.actuation.levels:
         watch, ticks = watched(parameters, watch, ticks, actuated, demand, applied)
@@ -197,26 +197,16 @@ def feedback(memory: ControlMemory, actuated: ActuationMemory) -> Feedback:
 
 def known_of(
     inputs: Inputs,
-    motion: Motion,
+    motion: Estimates,
     model: VehicleModel,
-    delay_s: float,
     watch: thruster_watch.State,
     adapts: bool,
 ) -> Known:
     """Return what is known of the vehicle, and where a command finds it that is sent now."""
     roll, pitch, p, q, _ = inputs.attitude
     turns = not inputs.stale[PSI]
-    ahead = Ahead(
-        eta=motion.eta_ahead,
-        eta_dot=motion.eta_dot_ahead,
-        ahead_s=inputs.ahead_s,
-        disturbance=motion.disturbance,
-        predicted=motion.predicted,
-        delay_s=delay_s,
-        gain=model.dof_gain,
-    )
     response = Response(
-        delay_s=delay_s,
+        delay_s=motion.delay_s,
         gain=model.gain[Z] if adapts else 1.0,
         lag_s=model.lag_s[Z],
         adapts=adapts,
@@ -230,7 +220,7 @@ def known_of(
         voltage_v=inputs.voltage_v,
         response=response,
     )
-    return Known(inputs, motion, ahead, tilt, model, watch.dead, watch.reversed)
+    return Known(inputs, motion, jacobian(motion.eta_ahead[PSI]), tilt, model, watch.dead, watch.reversed)
 
 
 def referred(memory: ControlMemory, limits: Limits) -> Reference:
@@ -302,8 +292,8 @@ def retuned(old: Parameters, parameters: Parameters, memory: Memory, last: Deman
     observed = observers.retuned(parameters.observers, memory.observed)
     if last is None:
         return start(parameters)._replace(observed=observed)
-    ahead, target = last.known.ahead, last.wanted.target
+    motion, target = last.known.motion, last.wanted.target
     controlled = controller.taken_over(
-        old.control, parameters.control, memory.controlled, ahead, jacobian(ahead.eta[PSI]), target
+        old.control, parameters.control, memory.controlled, motion, last.known.J, target
     )
     return memory._replace(observed=observed, controlled=controlled)

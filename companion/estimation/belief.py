@@ -2,7 +2,7 @@
 
 from operator import add
 
-from companion.core.observers import Motion
+from companion.core.observers import Estimates
 from companion.estimation.estimator import Sensed
 from companion.estimation.surroundings import Around
 from companion.records import PSI, FrameShift, VehicleModel, VehicleState, vector
@@ -10,7 +10,7 @@ from companion.records import PSI, FrameShift, VehicleModel, VehicleState, vecto
 
 def believed(
     sensed: Sensed,
-    motion: Motion,
+    motion: Estimates,
     around: Around,
     model: VehicleModel,
     dead_motor: int = 0,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from companion.config import Config
 from companion.core.attitude import angle_rates
-from companion.core.observers import Motion
+from companion.core.observers import Estimates
 from companion.core.positioning import Model
 from companion.estimation.estimator import Sensed
 from companion.estimation.ground import Grounds
@@ -50,7 +50,7 @@ class Surroundings:
     def step(
         self,
         sensed: Sensed,
-        motion: Motion,
+        motion: Estimates,
         model: VehicleModel,
         delivered: Vector = ZERO,
         *,

@@ -12,7 +12,7 @@ What else pulls (a tether) counts as water: the doubt has it, that of the dampin
 import math
 from typing import NamedTuple
 
-from companion.core.observers import Motion
+from companion.core.observers import Estimates
 from companion.core.positioning import Model, coriolis_and_damping, jacobian, to_body, to_inertial
 from companion.records import PSI, Current, Vector, X, Y
 
@@ -63,7 +63,7 @@ class Water:
     def step(
         self,
         model: Model,
-        motion: Motion,
+        motion: Estimates,
         gain: Vector,
         dt_s: float,
         seen: bool,

@@ -57,8 +57,7 @@ def shares(
 ) -> tuple[float, ...]:
     """Return each motor's share of the push it should give: 1 right, -1 reversed, 0 dead; NaN if unknown.
 
-    `samples` and `starts_s` by pulsed axis; `inertia` (kg, kg m²) of "w" and "r"; `delay_s` from sending to
-    the motors and back.
+    `samples` and `starts_s` by pulsed axis; `inertia` (kg, kg m²) of "w" and "r"; `delay_s` both ways.
     """
     factors = np.array(FACTORS[frame])
     levers = np.array(PER_NEWTON)[:, None] * factors.T

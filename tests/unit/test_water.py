@@ -5,7 +5,7 @@ import math
 import pytest
 
 from companion.core import predictor
-from companion.core.observers import Motion
+from companion.core.observers import Estimates
 from companion.core.positioning import Model, jacobian, to_inertial
 from companion.estimation.water import KEPT_S, MEAN_S, Water
 
@@ -28,7 +28,7 @@ def flowing(water, psi=0.0, current=(0.3, -0.2), v=(0.0, 0.0), seconds=30.0, see
     through = [a - b for a, b in zip(drag(v[0] - current[0], v[1] - current[1]), drag(*v), strict=True)]
     d = tuple(force / g for force, g in zip(through, gain, strict=True))
     eta, eta_dot = (0.0, 0.0, 0.0, psi), (*v, 0.0, 0.0)
-    motion = Motion(eta, eta_dot, eta, eta_dot, d, predictor.NONE, PLAIN)
+    motion = Estimates(eta, eta_dot, 0.0, eta, eta_dot, d, predictor.NONE, PLAIN, 0.0, PLAIN)
     for _ in range(round(seconds / DT_S)):
         found = water.step(MODEL, motion, gain, DT_S, seen)
     return found
