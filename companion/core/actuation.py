@@ -57,7 +57,7 @@ class ActuationMemory(NamedTuple):
     pace: Vector
     """Share of the reference's rate that saturation leaves."""
     share: Vector
-    """What the tilt leaves of surge, sway, heave and yaw."""
+    """Shares of surge, sway, heave and yaw that the tilt leaves."""
     active_wrench: Vector
     """The last force while active. On release it falls to zero from this value, whatever the law asks."""
     wanted: Axes

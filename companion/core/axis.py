@@ -65,7 +65,7 @@ class Orders(NamedTuple):
     """Not held, and nothing is known of its motion."""
     learns: bool
     watched: bool
-    """At full authority: an oscillation is the loop's own."""
+    """Whether the guard watches it: at full authority an oscillation is the loop's own."""
     pace: Vector
     """Share of the reference's largest rate."""
 

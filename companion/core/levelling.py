@@ -47,7 +47,7 @@ STIFFNESS_PHASE_RAD = 0.5
 """√c times the delay, rad: beyond it too little damping is left."""
 
 LEAST_SHARE = 0.3
-"""Of ω, that an oscillation leaves: with less a vehicle in a current tips over. Large amplitudes do not
+"""Share of ω that an oscillation leaves: with less a vehicle in a current tips over. Large amplitudes do not
 shorten the time of detection here: the swing that ends a large tilt is no limit cycle."""
 
 PUSHED_S = 1.0

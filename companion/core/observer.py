@@ -79,7 +79,7 @@ class ObserverParameters(NamedTuple):
 
 
 ByInterval = tuple[ObserverParameters, ObserverParameters, ObserverParameters, ObserverParameters]
-"""For each of INTERVALS."""
+"""One set of parameters for each of INTERVALS."""
 
 FiveNodes = tuple[float, float, float, float, float]
 

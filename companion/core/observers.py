@@ -60,14 +60,14 @@ class Observers(NamedTuple):
     hidden_s: float
     """Hidden delay that is known beforehand."""
     lag_s: float
-    """Of the nominal thrusters."""
+    """Lag of the nominal thrusters."""
     adapts: bool
     """Whether what is found of the vehicle is used."""
     sensor_delay_s: Vector
     tick_s: float
     predictors: Four[predictor.Parameters]
     d_lag_s: Vector
-    """By how much d is late while it changes, of the nominal vehicle."""
+    """Lag of the observer's d for the nominal vehicle."""
 
 
 class Feedback(NamedTuple):
@@ -171,7 +171,7 @@ class Now(NamedTuple):
     from_s: Vector
     to_s: Vector
     steps: int
-    """In so many they are predicted."""
+    """Number of steps of the prediction."""
 
 
 class Moving(NamedTuple):

@@ -52,7 +52,7 @@ RELAPSE_SHARE = 0.7
 """Share of the scale at which a confirmed limit cycle began, to which the gains return within RECOVER_S."""
 
 FORGET_S = 600.0
-"""Beyond that they come back as slowly as this, from nothing to all of them."""
+"""The gains grow beyond that share at 1/FORGET_S per second."""
 
 MEAN_S = 1.0
 
@@ -60,8 +60,8 @@ MEAN_S = 1.0
 class Parameters(NamedTuple):
     """The largest force asked of an axis, N or N·m: more moves nothing; and the `limit` of the RMS.
 
-    The gains begin at `first` and fall to `least` at most; more than `violent` times the limit's mean square
-    counts for more.
+    The gains begin at `first` and fall to `least` at most; a mean square above `violent` times
+    the limit's shortens the time of detection.
     """
 
     max_force: float

@@ -62,7 +62,7 @@ class ExactRepeats:
     def __init__(self, fine: float = FINE, coarsest: float = math.inf) -> None:
         self._fine, self._coarsest = fine, coarsest
         self.since_s = math.nan
-        """When it changed last."""
+        """Time of the last change."""
         self._value = math.nan
         self._in_a_row = 0
         self._least = math.inf

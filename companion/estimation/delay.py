@@ -40,7 +40,7 @@ ECHO_MEMORY_S = 4.0
 """Chosen: a mean over 48 echoes, which come at 12 Hz (decision 4)."""
 
 EVIDENCE_S = 1.5
-"""How long commands must have varied before an echo is believed."""
+"""An echo is believed after commands have varied for this time."""
 
 STALL_S = 0.5
 """A longer gap between echoes counts as this long."""

@@ -19,7 +19,7 @@ MAX_YAW_ACCELERATION = 40.0
 """rad/s²: what thrusters or a blow may do between two samples; a turn of 40° within 0.3 s takes 31."""
 
 POSITION_RESET_M = 0.1
-"""Less than a USBL's fix moves an EKF. A velocity that is wrong by more than 0.1 m/s looks like jumps."""
+"""A USBL's fix moves an EKF by more. A velocity that is wrong by more than 0.1 m/s looks like jumps."""
 
 POSITION_WARNED_M = 0.25
 """A jump that is larger is reported."""
@@ -28,7 +28,8 @@ MAX_ACCELERATION = 5.0
 """m/s², likewise; chosen (7a814046)."""
 
 DEPTH_RESET_M = 0.04
-"""Less is followed. In waves relative_alt is off what the climb rate gives by 15 mm at most (simulator)."""
+"""Smaller jumps are followed. In waves relative_alt differs from the integrated climb rate by 15 mm at
+most (simulator)."""
 
 MEMORY_S = 1.0
 """Resets that are each too small are added up over this time: a yaw that is corrected by less than about

@@ -17,7 +17,7 @@ from companion.core.positioning import Model, coriolis_and_damping, jacobian, to
 from companion.records import PSI, Current, Vector, X, Y
 
 MEAN_S = 5.0
-"""Longer than a wave, whose water goes to and fro; so long it takes until there is a mean."""
+"""The current is a mean over this time, longer than a wave; before that there is none."""
 
 KEPT_S = 10.0
 """A current that was not measured for longer is unknown."""

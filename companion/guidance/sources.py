@@ -43,7 +43,7 @@ class Sources:
         self.altitude: AltitudeHold | None = None
         self.course = Course.none(self.bounds.limits)
         self._number = 0
-        """Which course it is: one more with each."""
+        """Number of the course; each new one increases it by one."""
         self.frame = Frame()
         self.here = ZERO
         """Where the vehicle was last, inside."""

@@ -16,7 +16,7 @@ class Beside:
     def __init__(self, *passed: type[Exception]) -> None:
         self.count = 0
         self.told: deque[str] = deque(maxlen=8)
-        """What failed, in words; the reader removes it."""
+        """Descriptions of failures; the reader removes them."""
         self._passed: tuple[type[BaseException], ...] = (KeyboardInterrupt, SystemExit, *passed)
         self._known: set[tuple[str, str]] = set()
 

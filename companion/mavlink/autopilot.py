@@ -59,7 +59,7 @@ class Autopilot:
         onboard = (link.vehicle_system, link.component, signing, self._codec.sent)
         self._onboard = Packer(*onboard)
         self._display = Packer(*onboard) if config.ground_station.endpoint else self._onboard
-        """For the pilot's link; without one these go with our heartbeat over the vehicle's."""
+        """Packs for the pilot's link; without one these frames go over the vehicle's, with our heartbeat."""
         self._hello = Packer(*onboard)
         """A packer of its own: it must not shift the sequence numbers of what the ticks send."""
         self._signing = signing

@@ -41,7 +41,7 @@ MAX_PWM_US: Final = 3000
 MAX_VOLTAGE_V: Final = 1000.0
 MAX_ROUND_TRIP_S: Final = 5.0
 MAX_STAMP_SPREAD_S: Final = 10.0
-"""Beyond these nothing is said of a vehicle: deeper than the deepest trench, more than a turn, quicker than
+"""A larger value is impossible and is dropped: deeper than the deepest trench, more than a turn, quicker than
 a gyro measures, longer than a servo's pulse, older than any link keeps."""
 
 WRAP_MS_S: Final = 2**32 / 1e3

@@ -11,7 +11,7 @@ from companion.config import LinkSection
 from companion.mavlink.frames import V1_MARKER, WireFrame, frame_at
 
 LATELY_S: Final = 3.0
-"""Longer than heartbeats are apart, sooner over than LINK_LOST waits for them: a cut link says so at once."""
+"""Longer than the interval of heartbeats, shorter than LINK_LOST waits: a cut link is reported at once."""
 MOST: Final = 32
 """Senders that are kept."""
 EXCERPT: Final = 12

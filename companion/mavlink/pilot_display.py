@@ -42,7 +42,7 @@ SEVERITIES: Final = {
 STATE_SEVERITIES: Final = {**SEVERITIES, "info": mavlink.MAV_SEVERITY_NOTICE}
 MAX_BYTES: Final = 6 * CHUNK_CHARS - 1
 MOST, MOST_S = 8, 10.0
-"""Most texts within so many seconds."""
+"""At most MOST texts are sent within MOST_S seconds."""
 REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
 """The same words come again after this long at the earliest, by kind of event."""
 AWAY_S: Final = 5.0

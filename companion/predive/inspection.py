@@ -62,7 +62,7 @@ class Inspection:
         self._autopilot = Autopilot(config, signing)
         self.heard = self._autopilot.heard
         self.sender, self.hello = self._autopilot.sender, self._autopilot.hello
-        """For a link that listens (`Autopilot`)."""
+        """Both are what a listening link needs (`Autopilot`)."""
         self._estimator, self._surroundings = assembly.estimator(config), assembly.surroundings(config)
         self._observers = assembly.observers(config)
         self._observed = observers.start(self._observers)

@@ -18,7 +18,7 @@ class Condition(IntFlag):
     remedy: str
     """The operator's next step."""
     ended: str
-    """That it has ended. What only requests and steps are has neither this nor a remedy."""
+    """The words for its end. Conditions that are only requests or steps have neither these nor a remedy."""
     awaited: str
     """What is awaited where it forbids engaging: "waiting for: ..."."""
 

@@ -85,11 +85,11 @@ class Verdict(msgspec.Struct, frozen=True):
 
 
 class DiveTotals(NamedTuple):
-    """Of the vehicle since this process started, while it was armed."""
+    """Totals since this process started, counted while the vehicle was armed."""
 
     deepest_m: float = 0.0
     dive_s: float = 0.0
-    """Time deeper than DIVING_M."""
+    """Time spent deeper than DIVING_M."""
 
     def after(self, state: VehicleState, dt_s: float) -> "DiveTotals":
         """Return them after one more tick."""

@@ -62,7 +62,7 @@ class Watched(msgspec.Struct, kw_only=True):
     """Whether the autopilot reports a failsafe that our steering should have ended."""
     battery_low_s: float = 0.0
     saturated_s: float = 0.0
-    """Less half of the time in which the thrust sufficed."""
+    """Time in saturation minus half of the time out of it."""
     pull_n: float = 0.0
     """The largest disturbance of that time, along what is saturated."""
     off_track_s: float = 0.0

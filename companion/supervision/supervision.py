@@ -21,7 +21,7 @@ C = Condition
 DISARM = 2.0
 """FS_PILOT_INPUT."""
 BEAT_S, LEAST_S = 1.5, 1e-3
-"""Until a heartbeat reports that the vehicle was disarmed, LEAST_S is said to be left."""
+"""LEAST_S is reported until a heartbeat, BEAT_S later at most, says that the vehicle was disarmed."""
 
 
 class Supervision:

@@ -88,7 +88,7 @@ UNSAID = Condition(sum(condition for condition in Condition if not condition.end
 as UNSTEADY."""
 
 ENDED = {condition.ended: condition.text for condition in Condition if condition.ended}
-"""For the words that a condition has ended, those of its beginning."""
+"""Maps the words for the end of a condition to those for its beginning."""
 
 BY_A_PERSON = tuple(
     condition.text

@@ -15,7 +15,7 @@ class Repeats:
 
     def __init__(self) -> None:
         self._causes: dict[str, tuple[float, int]] = {}
-        """By cause: until when lines are counted together, and how many came."""
+        """For each cause: until when its lines are counted together, and how many came."""
 
     def passes(self, cause: str, now_s: float) -> bool:
         """Take a line; tell whether it passes."""

@@ -74,7 +74,7 @@ class Profile(NamedTuple):
     caps: "array[float]"
     """The largest speed at each point of the grid."""
     braked: "array[float]"
-    """That from which those of later points can be met."""
+    """The largest speed from which the limits of all later points can be met."""
 
     def speed(self, s: float) -> float:
         """Return the speed at s: between two points of the grid, what braking to the next one leaves."""
