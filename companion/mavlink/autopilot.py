@@ -82,11 +82,12 @@ class Autopilot:
         events: list[Event] = []
         for t_ns, data in datagrams:
             t_s = t_ns / NS_PER_S
-            for message in self._codec.decode(t_s, data):
+            found = self._codec.decode(t_s, data)
+            for message in found.messages:
                 self._maintenance.heard(message.MESSAGE_ID)
                 events += self._decoder.to_events(message, t_s)
-            events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in self._codec.others)
-            for asked in self._codec.addressed:
+            events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in found.others)
+            for asked in found.addressed:
                 events += pilot_events(asked, t_s, self.origin, self._link)
         others: list[Event] = []
         pilots: list[Event] = []

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Container
-from typing import Final
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -122,12 +122,23 @@ class Packer:
         return frame
 
 
+class Decoded(NamedTuple):
+    """What a datagram held."""
+
+    messages: list[Message]
+    """The vehicle's, and steering of others."""
+    others: list[WireFrame]
+    """What another Holdfast with our ids said, or was answered."""
+    addressed: list[WireFrame]
+    """What somebody asks of our component."""
+
+
 class Codec:
     """One link to one vehicle.
 
     Every frame's checksum is tested. Garbage is what fails, MAVLink 1 and ids that the dialect does not know;
     each stretch of it counts once. Frames from others are foreign, except steering (docs/ardusub.md, "Who
-    may steer"), and what asks something of our component: that stands in `addressed`.
+    may steer"), and what asks something of our component.
 
     With `stream` an unfinished frame at the end waits for its rest (`frames.Splitter`). With `signing`, what
     is not signed with its key, or is replayed, is refused; without, none is looked at. `wanted` are the
@@ -152,10 +163,6 @@ class Codec:
         self._target = (link.vehicle_system, link.vehicle_component)
         self.ours = frozenset({self._source, (link.vehicle_system, link.component)})
         self.encode = Packer(*self._source, signing, self.sent).encode
-        self.others: list[WireFrame] = []
-        """What another Holdfast with our ids said, or was answered, in the last datagram."""
-        self.addressed: list[WireFrame] = []
-        """What it asks of our component."""
         self._signing = signing
         self._mark = clock_mark(*self._source)
         self._stream = stream
@@ -163,23 +170,22 @@ class Codec:
         self.splitter = Splitter(stream, version_1=False)
         self._in_junk = False
 
-    def decode(self, t_s: float, data: bytes) -> list[Message]:
-        """Give the vehicle's messages in `data`, which came at `t_s`. Never raises: see `counters`."""
+    def decode(self, t_s: float, data: bytes) -> Decoded:
+        """Return what is in `data`, which came at `t_s`. Never raises: see `counters`."""
         self.counters.datagrams += 1
-        self.others, self.addressed = [], []
         if not self._stream:
             self._in_junk = False
-        messages: list[Message] = []
+        found = Decoded([], [], [])
         for frame, piece in self.splitter.cut(t_s, data):
             if frame is None:
                 self.counters.garbage += not self._in_junk
                 self.heard.junk(piece)
             else:
                 if self.is_others(frame, piece):
-                    self.others.append(frame)
-                self._open(t_s, frame, piece, messages)
+                    found.others.append(frame)
+                self._open(t_s, frame, piece, found)
             self._in_junk = frame is None
-        return messages
+        return found
 
     def sender(self, data: bytes) -> Sender:
         """Tell who sent a datagram. The vehicle's begins with sound frames, one of which is its own.
@@ -221,8 +227,8 @@ class Codec:
         self.counters.refused += not others
         return others
 
-    def _open(self, t_s: float, frame: WireFrame, piece: bytes, messages: list[Message]) -> None:
-        """Append the frame's message if it is for us."""
+    def _open(self, t_s: float, frame: WireFrame, piece: bytes, found: Decoded) -> None:
+        """Add to `found` what is for us."""
         sender = (frame.system, frame.component)
         from_vehicle = sender == self._target
         rival = not from_vehicle and sender != self._source and frame.id in STEERING
@@ -232,7 +238,7 @@ class Codec:
             return
         if addressed:
             self.counters.messages += 1
-            self.addressed.append(frame)
+            found.addressed.append(frame)
             return
         if from_vehicle and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self.heard.vehicle_signs = bool(piece[2] & SIGNED)
@@ -249,6 +255,6 @@ class Codec:
         if frame.id == mavlink.MAVLINK_MSG_ID_TIMESYNC and not self.sent.answers_us(message):
             # Some routers pass no frame on to where the same ids are; answers come everywhere.
             if self.sent.answers_another(message, self._mark, t_s):
-                self.others.append(frame)
+                found.others.append(frame)
             return
-        messages.append(message)
+        found.messages.append(message)

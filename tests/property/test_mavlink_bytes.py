@@ -51,14 +51,14 @@ def test_no_bytes_raise(chunks, stream):
     link = codec(stream)
     convert = Decoder(link.counters)
     for t_s, chunk in enumerate(chunks):
-        for message in link.decode(float(t_s), chunk):
+        for message in link.decode(float(t_s), chunk).messages:
             convert.to_events(message, float(t_s))
         assert len(link.splitter.rest) < 280
 
 
 @given(anything)
 def test_good_frames_behind_junk_in_a_datagram_are_found(junk):
-    (*_, last) = codec(stream=False).decode(0.0, junk + b"".join(FRAMES))
+    (*_, last) = codec(stream=False).decode(0.0, junk + b"".join(FRAMES)).messages
     assert name(last) == "PARAM_VALUE"
 
 
@@ -66,7 +66,7 @@ def test_good_frames_behind_junk_in_a_datagram_are_found(junk):
 def test_a_stream_recovers_from_junk(junk):
     link = codec(stream=True)
     link.decode(0.0, junk)
-    tail = [message for n in range(60) for message in link.decode(0.02 * n, FRAMES[1])]
+    tail = [message for n in range(60) for message in link.decode(0.02 * n, FRAMES[1]).messages]
     assert len(tail) >= 55
     assert not link.splitter.rest
 
@@ -77,8 +77,8 @@ def test_a_stream_gives_the_same_however_it_is_cut(frames, data):
     cuts = sorted(data.draw(st.lists(st.integers(0, len(whole)), max_size=8)))
     link = codec(stream=True)
     parts = [whole[a:b] for a, b in zip([0, *cuts], [*cuts, len(whole)], strict=True)]
-    got = [name(message) for part in parts for message in link.decode(0.0, part)]
-    assert got == [name(message) for message in codec(stream=False).decode(0.0, whole)]
+    got = [name(message) for part in parts for message in link.decode(0.0, part).messages]
+    assert got == [name(message) for message in codec(stream=False).decode(0.0, whole).messages]
     assert len(got) == len(frames)
 
 

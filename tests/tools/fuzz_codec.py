@@ -53,7 +53,7 @@ def try_one(data: bytes) -> None:
             sender = (1, 1) if source.ConsumeBool() else (source.ConsumeIntInRange(0, 255), 1)
             chunk = frame(message_id, source.ConsumeBytes(255), *sender)
         t_s += 0.02
-        for message in codec.decode(t_s, chunk):
+        for message in codec.decode(t_s, chunk).messages:
             for event in fresh.drop_stale(convert.to_events(message, t_s)):
                 values = [getattr(event, name) for name in event.__struct_fields__]
                 assert all(math.isfinite(v) for v in values if isinstance(v, float)), event

@@ -47,14 +47,14 @@ def test_steering_of_others_passes():
     link = codec()
     (mine,) = frames(manual_control(), sender=PILOT)
     (any_target,) = frames(override(target=9), sender=PILOT)
-    assert names(link.decode(0.0, mine + any_target)) == ["MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"]
+    assert names(link.decode(0.0, mine + any_target).messages) == ["MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"]
 
 
 def test_steering_of_another_vehicle_and_our_own_echo_are_foreign():
     link = codec()
     (other,) = frames(manual_control(target=2), sender=PILOT)
     (echo,) = frames(override(), sender=US)
-    assert link.decode(0.0, other + echo) == []
+    assert link.decode(0.0, other + echo).messages == []
     assert link.counters.foreign == 2
 
 
@@ -62,34 +62,34 @@ def test_unwanted_ids_are_dropped_but_checked():
     link = codec(wanted={mavlink.MAVLINK_MSG_ID_HEARTBEAT})
     (frame,) = frames(attitude())
     broken = frame[:-1] + bytes([frame[-1] ^ 1])
-    assert link.decode(0.0, frame) == []
-    assert link.decode(0.0, broken) == []
+    assert link.decode(0.0, frame).messages == []
+    assert link.decode(0.0, broken).messages == []
     assert (link.counters.messages, link.counters.garbage) == (1, 1)
 
 
 def test_a_datagram_leaves_nothing_behind():
     link = codec()
     (frame,) = frames(attitude())
-    assert link.decode(0.0, frame[:20]) == []
-    assert link.decode(0.0, frame[20:]) == []
-    assert len(link.decode(0.0, frame)) == 1
+    assert link.decode(0.0, frame[:20]).messages == []
+    assert link.decode(0.0, frame[20:]).messages == []
+    assert len(link.decode(0.0, frame).messages) == 1
     assert link.counters.garbage == 2
 
 
 def test_a_stream_gives_up_a_false_header_that_waits():
     link = codec(stream=True)
     data = FALSE_HEADER + frames(attitude())[0]
-    assert link.decode(0.0, data) == []
-    assert link.decode(PARTIAL_TIMEOUT_S, b"") == []
-    assert len(link.decode(PARTIAL_TIMEOUT_S + 0.01, b"")) == 1
+    assert link.decode(0.0, data).messages == []
+    assert link.decode(PARTIAL_TIMEOUT_S, b"").messages == []
+    assert len(link.decode(PARTIAL_TIMEOUT_S + 0.01, b"").messages) == 1
 
 
 def test_mavlink_1_and_unknown_flags_are_garbage():
     link = codec()
     old = attitude().pack(mavlink.MAVLink(None, *VEHICLE), force_mavlink1=True)
-    assert link.decode(0.0, old) == []
+    assert link.decode(0.0, old).messages == []
     (frame,) = frames(attitude())
-    assert link.decode(0.0, frame[:2] + b"\x02" + frame[3:]) == []
+    assert link.decode(0.0, frame[:2] + b"\x02" + frame[3:]).messages == []
     assert link.counters.garbage == 2
 
 

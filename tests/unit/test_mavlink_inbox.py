@@ -74,6 +74,10 @@ def test_the_newest_gets_through_a_flood(stream):
         for _ in range(400):
             inbox.add(tick, (FLOODS["headers"] * 500)[:1400])
             inbox.add(tick, attitude(tick))
-        heard += [(tick, m.time_boot_ms) for _, data in inbox.take() for m in link.decode(0.02 * tick, data)]
+        heard += [
+            (tick, m.time_boot_ms)
+            for _, data in inbox.take()
+            for m in link.decode(0.02 * tick, data).messages
+        ]
     assert heard[-1][0] == 24
     assert all(tick - said <= 11 for tick, said in heard)

@@ -49,7 +49,7 @@ def heartbeat():
 @pytest.mark.parametrize("key", [None, bytes(32)])
 def test_unsigned_and_wrongly_signed_are_refused_and_counted(key):
     stranger, ours = Vehicle(key), codec(Signing(KEY, 7, UTC_2026_S))
-    assert ours.decode(0.0, stranger.says()) == []
+    assert ours.decode(0.0, stranger.says()).messages == []
     assert (ours.counters.refused, ours.counters.messages, ours.counters.garbage) == (1, 0, 0)
     assert stranger.takes(ours.encode(heartbeat())) == (["HEARTBEAT"] if key is None else ["BAD_DATA"])
 
@@ -58,11 +58,14 @@ def test_a_replay_is_refused_and_so_is_a_changed_byte():
     vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
     first, second = vehicle.says(), vehicle.says()
     for at in (-1, -6, -7, -12, -13):
-        assert ours.decode(0.0, second[:at] + bytes([second[at] ^ 1]) + second[len(second) + at + 1 :]) == []
-    assert len(ours.decode(0.0, first)) == 1
-    assert ours.decode(0.0, first) == []
-    assert len(ours.decode(0.0, second)) == 1
-    assert ours.decode(0.0, first) == []
+        assert (
+            ours.decode(0.0, second[:at] + bytes([second[at] ^ 1]) + second[len(second) + at + 1 :]).messages
+            == []
+        )
+    assert len(ours.decode(0.0, first).messages) == 1
+    assert ours.decode(0.0, first).messages == []
+    assert len(ours.decode(0.0, second).messages) == 1
+    assert ours.decode(0.0, first).messages == []
     assert ours.counters.refused == 7
 
 
@@ -104,16 +107,16 @@ def test_a_computer_whose_clock_is_behind_finds_to_the_present(utc_s):
     assert vehicle.takes(Packer(*US, Signing(KEY, 7, UTC_2026_S)).encode(heartbeat())) == ["HEARTBEAT"]
     ours = codec(Signing(KEY, 7, utc_s))
     assert vehicle.takes(ours.encode(heartbeat())) == ["BAD_DATA"]
-    assert len(ours.decode(0.0, vehicle.says())) == 1
+    assert len(ours.decode(0.0, vehicle.says()).messages) == 1
     assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
 
 
 def test_a_vehicle_whose_clock_is_behind_is_brought_to_the_present():
     """An autopilot without GPS goes on from the day it was switched off."""
     vehicle, ours = Vehicle(utc_s=UTC_2026_S - YEAR_S), codec(Signing(KEY, 7, UTC_2026_S))
-    assert ours.decode(0.0, vehicle.says()) == []
+    assert ours.decode(0.0, vehicle.says()).messages == []
     assert vehicle.takes(ours.encode(heartbeat())) == ["HEARTBEAT"]
-    assert len(ours.decode(0.0, vehicle.says())) == 1
+    assert len(ours.decode(0.0, vehicle.says()).messages) == 1
 
 
 def test_who_may_take_the_link_is_judged_without_using_the_frame_up():
@@ -122,7 +125,7 @@ def test_who_may_take_the_link_is_judged_without_using_the_frame_up():
     said = vehicle.says()
     assert ours.sender(said) is Sender.EXPECTED
     assert ours.sender(said) is Sender.EXPECTED
-    assert len(ours.decode(0.0, said)) == 1
+    assert len(ours.decode(0.0, said).messages) == 1
     assert ours.sender(said) is Sender.BEHIND, "a replay"
     assert ours.sender(Vehicle(utc_s=UTC_2026_S - YEAR_S).says()) is Sender.BEHIND
     assert ours.sender(Vehicle(bytes(32)).says()) is Sender.STRANGER

@@ -29,7 +29,7 @@ class Process:
         self.file = TimestampFile(path, self.signings)
 
     def believes(self, frame, link="vehicle"):
-        return len(Codec(LinkSection(), signing=self.signings[link]).decode(0.0, frame)) == 1
+        return len(Codec(LinkSection(), signing=self.signings[link]).decode(0.0, frame).messages) == 1
 
     def writes(self):
         """As once a second."""
