@@ -12,7 +12,6 @@ BENCHES = {
     "position": "lab.studies.places:Courses",
     "corners": "lab.studies.corners:Corners",
     "reality": "lab.studies.reality:Reality",
-    "prediction": "lab.studies.prediction:Prediction",
     "rivals": "lab.studies.rivals:Rivals",
     "firmware": "lab.studies.fidelity:Fidelity",
 }
@@ -20,7 +19,6 @@ BENCH_EXAMPLES = """\
 further benches, each with its own --help:
   position    places and paths in a current, with a DVL, beside a P-PI and ArduSub's POSHOLD and GUIDED
   corners     vehicles of a third and three times the gain, with lags and delays: limit cycles
-  prediction  d̂ as the observer has it beside d̂ as the network predicts it
   reality     vehicles between the published models and a real one, in current, waves, tether;
               --scenarios: a gain of its own on each axis, light ones, a Heavy as measured in a tank
   rivals      other laws on such vehicles, in depth and in place

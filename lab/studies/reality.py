@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,9 +71,6 @@ class RealDive(NamedTuple):
 class Reality(Study[RealDive]):
     """Every scenario with every preset and seed."""
 
-    sets: ClassVar[Sequence[str]] = ("vehicle.preset",)
-    """The keys of the configuration that are a row's name."""
-    first_seed: ClassVar[int] = FIRST_SEED
     command = "lab bench reality"
     about = (
         "Holds vehicles between the published models and a real one, in four degrees of freedom at once; "
@@ -89,11 +86,10 @@ class Reality(Study[RealDive]):
     def __init__(self, arguments: argparse.Namespace) -> None:
         known(arguments.scenarios, SCENARIOS, "scenario")
         self._scenarios: Sequence[str] = arguments.scenarios
-        self._seeds = range(self.first_seed, self.first_seed + arguments.seeds)
+        self._seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
         self._firmware: Path | None = arguments.firmware
         self._configs = {
-            row: load_config(overrides=[*(f"{key}={row!r}" for key in self.sets), *arguments.set])
-            for row in arguments.rows
+            row: load_config(overrides=[f"vehicle.preset={row!r}", *arguments.set]) for row in arguments.rows
         }
 
     def cases(self) -> Sequence[RealDive]:
