@@ -42,32 +42,18 @@ AXES = {
 
 
 @dataclass(frozen=True)
-class Holding:
-    """How well one degree of freedom was held in one phase: mm or degrees, N or N·m.
-
-    Errors are those while the reference rested; `moving_rms` is NaN where it never moved. `sd` and `within`,
-    which 95 % of the errors keep, are about the mean error. Thrust is NaN where Holdfast did not steer.
-    """
-
-    dof: str
-    hold_s: float
-    rms: float
-    sd: float
-    within: float
-    peak: float
-    moving_rms: float
-    thrust_rms: float
-    saturated: float
-
-
-@dataclass(frozen=True)
 class Phase:
-    """An engaged interval, or one in `mode` if the dive has none, and each axis that was held."""
+    """An engaged interval, or one in `mode` if the dive has none, and how well each axis was held.
+
+    Errors (mm, degrees) are those while the reference rested. SD and the band of 95 % are about the mean
+    error. NaN: it never moved, or Holdfast did not steer.
+    """
 
     mode: str
     begin_s: float
     end_s: float
-    held: list[Holding]
+    held: dict[str, dict[str, float]]
+    """For each degree of freedom the figures by their words in the table."""
 
 
 def phases(log: Log) -> list[Phase]:
@@ -78,7 +64,7 @@ def phases(log: Log) -> list[Phase]:
             mode="Holdfast" if engaged else span.state,
             begin_s=span.begin_s,
             end_s=span.end_s,
-            held=[figure for dof in AXES if (figure := _held(log, span, dof, bool(engaged))) is not None],
+            held={dof: found for dof in AXES if (found := _held(log, span, dof, bool(engaged)))},
         )
         for span in engaged or _modes(log)
     ]
@@ -136,29 +122,28 @@ def _modes(log: Log) -> list[StateSpan]:
     return spans
 
 
-def _held(log: Log, span: StateSpan, dof: str, engaged: bool) -> Holding | None:
+def _held(log: Log, span: StateSpan, dof: str, engaged: bool) -> dict[str, float]:
     law, command = (between(log.keys[key], span.begin_s, span.end_s) for key in (f"dof/{dof}", "command"))
     at_s, apart = error(log, dof, span.begin_s, span.end_s, engaged=engaged)
     if min(law.size, at_s.size, command.size) < 10 or not (law["engaged"].any() if engaged else True):
-        return None
+        return {}
     rate = np.abs(np.interp(at_s, law["at_s"], np.nan_to_num(law["x_d_dot"])))
     moving = (rate > AXES[dof].moving) & engaged
     resting = ~moving & (at_s >= span.begin_s + SETTLE_S)
     calm = apart[resting & np.isfinite(apart)]
     if not (engaged or calm.size):
-        return None
+        return {}
     centred = np.abs(calm - _mean(calm))
-    return Holding(
-        dof=dof,
-        hold_s=float(resting.mean()) * (span.end_s - span.begin_s),
-        rms=_rms(calm),
-        sd=_rms(centred),
-        within=float(np.percentile(centred, 95)) if calm.size else np.nan,
-        peak=float(np.abs(calm).max()) if calm.size else np.nan,
-        moving_rms=_rms(apart[moving & np.isfinite(apart)]),
-        thrust_rms=_rms(command[AXES[dof].force]) if engaged else np.nan,
-        saturated=float(law["saturated"].mean()) if engaged else np.nan,
-    )
+    return {
+        "held": float(resting.mean()) * (span.end_s - span.begin_s),
+        "RMS": _rms(calm),
+        "SD": _rms(centred),
+        "95 % within": float(np.percentile(centred, 95)) if calm.size else np.nan,
+        "peak": float(np.abs(calm).max()) if calm.size else np.nan,
+        "moving, RMS": _rms(apart[moving & np.isfinite(apart)]),
+        "thrust, RMS": _rms(command[AXES[dof].force]) if engaged else np.nan,
+        "saturated": 100.0 * float(law["saturated"].mean()) if engaged else np.nan,
+    }
 
 
 def _rms(values: Array) -> float:

@@ -15,17 +15,6 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums }
 td { padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #8884 }
 ul { border-left: 3px solid #D55E00; padding-left: 1.6rem } li { margin: .35rem 0 }
 """
-FIGURES = (
-    ("held", "hold_s", "s", 1.0),
-    ("RMS", "rms", "unit", 1.0),
-    ("SD", "sd", "unit", 1.0),
-    ("95 % within", "within", "unit", 1.0),
-    ("peak", "peak", "unit", 1.0),
-    ("moving, RMS", "moving_rms", "unit", 1.0),
-    ("thrust, RMS", "thrust_rms", "force_unit", 1.0),
-    ("saturated", "saturated", "%", 100.0),
-)
-"""Words, field of `Holding`, unit or field of `HeldAxis`, factor."""
 ERRORS = """
 <p>Errors are measured minus desired while the reference rested, from 3 s after engaging; <i>moving</i>:
 while it did not. SD and <i>95 % within</i> are about the mean error. Thrust: by the thruster curve.</p>"""
@@ -49,7 +38,6 @@ def page(title: str, about: str, warnings: Sequence[str], phases: Mapping[str, P
 
 def table(phases: Mapping[str, Phase]) -> list[list[str]]:
     """Return a table with a column for each phase; the first row is the head."""
-    held = [{hold.dof: hold for hold in phase.held} for phase in phases.values()]
     rows = [
         ["", *phases],
         ["steered by", *(phase.mode for phase in phases.values())],
@@ -57,11 +45,10 @@ def table(phases: Mapping[str, Phase]) -> list[list[str]]:
         ["to", *(f"{phase.end_s:.1f} s" for phase in phases.values())],
     ]
     for dof, axis in AXES.items():
-        for words, field, unit, factor in FIGURES if any(dof in one for one in held) else ():
-            values = (factor * getattr(one.get(dof), field, math.nan) for one in held)
-            rows.append(
-                [f"{axis.name}, {words}", *(_with(value, getattr(axis, unit, unit)) for value in values)]
-            )
+        held = [phase.held.get(dof, {}) for phase in phases.values()]
+        for words in next(filter(None, held), {}):
+            unit = {"held": "s", "saturated": "%", "thrust, RMS": axis.force_unit}.get(words, axis.unit)
+            rows.append([f"{axis.name}, {words}", *(_with(one.get(words, math.nan), unit) for one in held)])
     return rows
 
 

@@ -20,7 +20,7 @@ COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.SKY)
 
 def draw(dives: Mapping[str, tuple[Log, Phase]]) -> Figure:
     """Draw a phase of each dive, a row for each axis that was held (value, error, force), and the map."""
-    held = {hold.dof for _, phase in dives.values() for hold in phase.held} or {"z", "psi"}
+    held = {dof for _, phase in dives.values() for dof in phase.held} or {"z", "psi"}
     axes = [dof for dof in AXES if dof in held]
     (first, _), *others = dives.values()
     known = np.isfinite(first.keys["state"]["x_m"] + first.keys["state"]["y_m"])

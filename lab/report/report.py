@@ -45,6 +45,8 @@ def main(argv: list[str]) -> int:
     if len(options.files) > 1 and options.foxglove:
         parser.error("--foxglove takes one file")
     logs = {files[0].stem: bounded(load, files, files) for files in dives}
+    if len(logs) < len(dives):
+        parser.error("two files have one name")
     found = {name: phases(log) for name, log in logs.items()}
     (name, first), *others = logs.items()
     began = datetime.fromtimestamp(first.began_ns / 1e9, UTC)
@@ -61,7 +63,7 @@ def main(argv: list[str]) -> int:
         title, name = "Dives beside each other", "compared"
     else:
         columns = {f"phase {number}": phase for number, phase in enumerate(found[name], 1)}
-        held = [one for phase in found[name] for one in phase.held]
+        held = {dof: figures for phase in found[name] for dof, figures in phase.held.items()}
         said, shown = warnings(first), {name: (first, Phase("Holdfast", 0.0, first.duration_s + 1.0, held))}
         title = f"{first.vehicle}: the dive of {began:%Y-%m-%d %H:%M} UTC"
     stem = (options.out or options.files[0].parent) / name
