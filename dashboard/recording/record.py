@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 EXAMPLES = """\
 examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
-  holdfast record --name kelp --out /data       a new file every 250 MB; 500 MB stay free
+  holdfast record kelp --out /data              a new file every 250 MB; 500 MB stay free
   holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast lab rerun`
   holdfast record --repair dives/cut.mcap       write dives/cut.repaired.mcap, with the index
 
@@ -239,7 +239,7 @@ def main(argv: list[str]) -> int:
         EXAMPLES,
     )
     add = parser.add_argument
-    add("--name", default="", metavar="NAME", help="name of the vehicle; default: the first that is heard")
+    add("name", nargs="?", default="", metavar="VEHICLE", help="default: the first that is heard")
     add_connect(parser)
     add("--out", type=Path, default=Path("dives"), metavar="DIR", help="default: ./%(default)s")
     for name, default, purpose in (

@@ -38,7 +38,7 @@ EXAMPLES = f"""\
 examples:
   holdfast watch                                 the vehicles that publish on this machine
   holdfast watch --connect laptop.json5          a vehicle on the network, by TLS
-  holdfast watch --name kelp --once              one snapshot of one vehicle
+  holdfast watch kelp --once                     one snapshot of one vehicle
   holdfast watch --once --json                   for scripts
 
 {WHERE}`holdfast dashboard` has maps and plots.
@@ -131,7 +131,7 @@ def _fleet(look: Look) -> RenderableType:
         for vehicle in look.vehicles
         if vehicle.events
     ]
-    return Group(table, *events, Text("one of them wholly: holdfast watch --name NAME", "dim"))
+    return Group(table, *events, Text("one of them wholly: holdfast watch VEHICLE", "dim"))
 
 
 def _event(event: Event, vehicle: Vehicle, look: Look, whose: str = "") -> Text:
@@ -260,7 +260,7 @@ def _parser() -> argparse.ArgumentParser:
         "one line for each. Ctrl-C ends it. If the output is not a terminal, it prints one snapshot.",
         EXAMPLES,
     )
-    parser.add_argument("--name", default="", metavar="NAME", help="show only this vehicle, in full")
+    parser.add_argument("name", nargs="?", default="", metavar="VEHICLE", help="show only this one, in full")
     add_connect(parser)
     once = f"print one snapshot; status 1 if nothing comes in {PATIENCE_S:.0f} s"
     parser.add_argument("--once", action="store_true", help=once)

@@ -211,7 +211,7 @@ def _start(stack: ExitStack, logs: Path, endpoint: str) -> dict[str, subprocess.
         "run": f"{run} --set=link.endpoint=udp-listen:{link}",
         "sim": f"{sim} --set=current.enabled=true",
         "dashboard": f"--connect {endpoint} --listen 127.0.0.1:{port}",
-        "record": f"--connect {endpoint} --name {VEHICLE} --out {shlex.quote(str(logs / 'dives'))}",
+        "record": f"{VEHICLE} --connect {endpoint} --out {shlex.quote(str(logs / 'dives'))}",
     }
     children = {}
     for name, words in arguments.items():
