@@ -39,7 +39,8 @@ def appended(commands: list[SentCommand], t_s: float, tau: Vector, d_hat: Vector
         first += 1
     kept, dt_s = commands[first:], t_s - last.t_s
     share = 1.0 - math.exp(-dt_s / SLOW_S)
-    slow = vector([last.d_hat[dof] + share * (d_hat[dof] - last.d_hat[dof]) for dof in range(4)])
+    (x, y, z, psi), (X, Y, Z, N) = last.d_hat, d_hat
+    slow = (x + share * (X - x), y + share * (Y - y), z + share * (Z - z), psi + share * (N - psi))
     kept.append(SentCommand(t_s, tau, _impulse(last, last.tau, dt_s), slow))
     return kept
 
@@ -88,4 +89,5 @@ def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand
 
 def _impulse(command: SentCommand, tau: Vector, dt_s: float) -> Vector:
     """Return the impulse before a command and that of a thrust over `dt_s`."""
-    return vector([command.impulse[dof] + tau[dof] * dt_s for dof in range(4)])
+    (x, y, z, psi), (X, Y, Z, N) = command.impulse, tau
+    return (x + X * dt_s, y + Y * dt_s, z + Z * dt_s, psi + N * dt_s)

@@ -146,7 +146,7 @@ class Sums(NamedTuple):
     """Mean square of the moment that the water may make while the horizontal motors push."""
 
 
-class Shown(NamedTuple):
+class TwoAxes(NamedTuple):
     """The two axes in which a group of motors is seen; the second has a weight."""
 
     first: Sums
@@ -181,9 +181,9 @@ class State(NamedTuple):
     """Over SLOW_S."""
     bias: Three
     """Constant part of u in roll, pitch and yaw, N·m."""
-    across: Shown
+    across: TwoAxes
     """Yaw and roll, by the horizontal motors."""
-    upright: Shown
+    upright: TwoAxes
     """Roll and pitch, by the vertical motors."""
     suspect: Suspect
     dead: int
@@ -195,7 +195,7 @@ class State(NamedTuple):
 
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
 NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, yy=0.0, ys=0.0, ss=0.0, yh=0.0, sh=0.0, hh=0.0, oo=0.0)
-NOTHING = Shown(NO_SUMS, NO_SUMS, 1.0)
+NOTHING = TwoAxes(NO_SUMS, NO_SUMS, 1.0)
 NO_FAULT = Fault(0, 1.0)
 NOBODY = Suspect(NO_FAULT, 0.0, 1.0)
 START = State(
@@ -288,7 +288,7 @@ def summed(
     turning: Turning,
     levers: Levers,
     dt_s: float,
-) -> tuple[Three, Shown, Shown]:
+) -> tuple[Three, TwoAxes, TwoAxes]:
     """Return the bias and the means after the pushes of this tick, and how the vehicle turned."""
     across, upright = parameters.thrusters.horizontal, parameters.thrusters.vertical
     slow_roll, slow_pitch, slow_p, slow_q, slow_r = slow
@@ -315,7 +315,7 @@ def summed(
     slowly = dt_s / (EXCUSED_BIAS_S if state.excused_s > 0.0 else BIAS_S) if sound else 0.0
     bias = (bias[0] + slowly * K[0], bias[1] + slowly * M[0], bias[2] + slowly * N[0])
     pitches = 1.0 if upright.shares[2] > 0.0 else 0.0
-    return bias, Shown(yaw, tipped, 1.0), Shown(roll, pitch, pitches)
+    return bias, TwoAxes(yaw, tipped, 1.0), TwoAxes(roll, pitch, pitches)
 
 
 def _tipped(y: float, y_all: float, K: float, lever_m: float) -> float:
@@ -369,13 +369,13 @@ def _products(before: Five, v: Five, other: float, keep: float) -> Five:
 
 
 def judged(
-    state: State, across: Shown, upright: Shown, levers: Levers, dt_s: float
+    state: State, across: TwoAxes, upright: TwoAxes, levers: Levers, dt_s: float
 ) -> tuple[Suspect, Fault, float]:
     """Suspect a fault, or doubt the one that is believed; after HOLDS_S believe it."""
     fault, excused_s = believed(state), max(state.excused_s - dt_s, 0.0)
     suspected, clear = NO_FAULT, 1.0
     if excused_s == 0.0 and fault.motor == 0:
-        suspected, clear = _suspected(across, upright, levers)
+        suspected, clear = _suspect(across, upright, levers)
     elif excused_s == 0.0:
         suspected = _doubted(upright if fault.motor > HORIZONTAL else across, fault)
     same = suspected.motor > 0 and suspected == state.suspect.fault
@@ -387,43 +387,46 @@ def judged(
     return NOBODY, suspected, RIGHTED_S if suspected.share < 0.0 else 0.0
 
 
-def _suspected(across: Shown, upright: Shown, levers: Levers) -> tuple[Fault, float]:
+def _suspect(across: TwoAxes, upright: TwoAxes, levers: Levers) -> tuple[Fault, float]:
     """Return which motor is at fault, if any, and how clearly.
 
     A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like a fault of a
     vertical motor: while more is left in yaw than in roll and pitch, none is suspected.
     """
-    fault, clear = _of_group(across, False, 0.0, 0.0)
-    aside = left(0, across.first, 1.0)
-    turned_more = aside > LEAST_NM * LEAST_NM and aside > left_in(0, upright, 1.0, 0.0, 0.0)
+    fault, clear = _suspect_in_group(across, False, 0.0, 0.0)
+    aside = residual_about(0, across.first, 1.0)
+    turned_more = aside > LEAST_NM * LEAST_NM and aside > residual(0, upright, 1.0, 0.0, 0.0)
     if fault.motor > 0 or _turns_alone(across.first) or turned_more:
         return fault, min(clear, HORIZONTAL_CLEAR)
     alone = upright.weight == 0.0
-    fault, clear = _of_group(upright, alone, 0.0, 0.0)
-    if fault.motor == 0 or fault != _of_group(upright, alone, levers.roll_doubt_m, levers.pitch_doubt_m)[0]:
+    fault, clear = _suspect_in_group(upright, alone, 0.0, 0.0)
+    if (
+        fault.motor == 0
+        or fault != _suspect_in_group(upright, alone, levers.roll_doubt_m, levers.pitch_doubt_m)[0]
+    ):
         return NO_FAULT, 1.0
     return Fault(fault.motor + HORIZONTAL, fault.share), clear
 
 
-def _of_group(shown: Shown, alone: bool, first_z: float, second_z: float) -> tuple[Fault, float]:
+def _suspect_in_group(shown: TwoAxes, alone: bool, first_z: float, second_z: float) -> tuple[Fault, float]:
     """Return which motor of a group, 1 to 4, is at fault, and how clearly. z stays within ± the given.
 
     Two vertical motors are each `alone`: whichever way one pushes, its demand is only its own. There the roll
     does not tell a reversed motor from a dead one, for which its demand does not matter: it is turned, and
     what follows tells.
     """
-    whole = left_in(0, shown, 1.0, first_z, second_z)
+    whole = residual(0, shown, 1.0, first_z, second_z)
     if not whole > _least(shown):
         return NO_FAULT, 1.0
-    lost, margin = each(left_in, MOTORS, shown, 0.0, first_z, second_z), CLEARLY * whole
-    half = each(left_in, MOTORS, shown, -0.5, first_z, second_z)
-    turned = each_of_two(_lesser, half, each(left_in, MOTORS, shown, -1.0, first_z, second_z))
+    lost, margin = each(residual, MOTORS, shown, 0.0, first_z, second_z), CLEARLY * whole
+    half = each(residual, MOTORS, shown, -0.5, first_z, second_z)
+    turned = each_of_two(_lesser, half, each(residual, MOTORS, shown, -1.0, first_z, second_z))
     motor, least, others = _best(each_of_two(_lesser, lost, turned), whole)
     found = least < EXPLAINS * others
     if found and (alone or turned[motor - 1] + margin < lost[motor - 1]):
         return Fault(motor, -1.0), min(EXPLAINS * others / max(least, TINY), MOST_CLEAR)
     dead, least, others = _best(lost, whole)
-    weak = left_in(dead, shown, 0.5, first_z, second_z) if dead > 0 else least
+    weak = residual(dead, shown, 0.5, first_z, second_z) if dead > 0 else least
     if least < min(EXPLAINS * others, weak, min(turned) + margin):
         return Fault(dead, 0.0), 1.0 if least < EXPLAINS * min(turned) else UNCLEAR
     return (Fault(motor, 0.5), 0.0) if found else (NO_FAULT, 1.0)
@@ -445,38 +448,38 @@ def _best(by_motor: Four, whole: float) -> tuple[int, float, float]:
     return found, least, others
 
 
-def _least(shown: Shown) -> float:
+def _least(shown: TwoAxes) -> float:
     """Return the mean square that says nothing, (N·m)²."""
     return LEAST_NM * LEAST_NM + shown.first.oo + shown.second.oo
 
 
 def _turns_alone(sums: Sums) -> bool:
     """Tell whether a fault of any motor explains a turn better than none."""
-    whole = left(0, sums, 1.0)
-    least = min(*each(left, MOTORS, sums, 0.0), *each(left, MOTORS, sums, -1.0))
+    whole = residual_about(0, sums, 1.0)
+    least = min(*each(residual_about, MOTORS, sums, 0.0), *each(residual_about, MOTORS, sums, -1.0))
     return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
 
 
-def _doubted(shown: Shown, fault: Fault) -> Fault:
+def _doubted(shown: TwoAxes, fault: Fault) -> Fault:
     """Return what the motor of a fault that is believed does instead; no fault where that is not clear."""
     motor = fault.motor - HORIZONTAL if fault.motor > HORIZONTAL else fault.motor
     other = -1.0 - fault.share
-    whole, found = left_in(0, shown, 1.0, 0.0, 0.0), left_in(motor, shown, fault.share, 0.0, 0.0)
+    whole, found = residual(0, shown, 1.0, 0.0, 0.0), residual(motor, shown, fault.share, 0.0, 0.0)
     if not found > _least(shown):
         return NO_FAULT
-    if left_in(motor, shown, other, 0.0, 0.0) < EXPLAINS * min(found, whole):
+    if residual(motor, shown, other, 0.0, 0.0) < EXPLAINS * min(found, whole):
         return Fault(fault.motor, other)
     sound = found > DOUBTED * whole if fault.share == 0.0 else whole < EXPLAINS * EXPLAINS * found
     return Fault(fault.motor, 1.0) if sound else NO_FAULT
 
 
-def left_in(motor: int, shown: Shown, share: float, first_z: float, second_z: float) -> float:
+def residual(motor: int, shown: TwoAxes, share: float, first_z: float, second_z: float) -> float:
     """Return what a hypothesis leaves in both axes."""
-    second = left(motor, shown.second, share, second_z)
-    return left(motor, shown.first, share, first_z) + shown.weight * second
+    second = residual_about(motor, shown.second, share, second_z)
+    return residual_about(motor, shown.first, share, first_z) + shown.weight * second
 
 
-def left(motor: int, sums: Sums, share: float, most_z: float = 0.0) -> float:
+def residual_about(motor: int, sums: Sums, share: float, most_z: float = 0.0) -> float:
     """Return the mean square of y − c v + k s + z h for the c, k and z that make it least, within bounds.
 
     v = u − (1 − σ) b f is the mixture of u and of that without the motor.
@@ -484,10 +487,10 @@ def left(motor: int, sums: Sums, share: float, most_z: float = 0.0) -> float:
     i, lost = motor, 1.0 - share
     vv = share * share * sums.vv[0] + 2.0 * share * lost * sums.vu[i] + lost * lost * sums.vv[i]
     vy, vs = share * sums.vy[0] + lost * sums.vy[i], share * sums.vs[0] + lost * sums.vs[i]
-    return _left(sums, vv, vy, vs, share * sums.vh[0] + lost * sums.vh[i], most_z)
+    return _residual_of_fit(sums, vv, vy, vs, share * sums.vh[0] + lost * sums.vh[i], most_z)
 
 
-def _left(sums: Sums, vv: float, vy: float, vs: float, vh: float, most_z: float) -> float:
+def _residual_of_fit(sums: Sums, vv: float, vy: float, vs: float, vh: float, most_z: float) -> float:
     """Fit c and k to what h does not explain, which gives z; within its bound, fit them again."""
     if most_z == 0.0:
         return _fitted(vv, vy, vs, sums.yy, sums.ys, sums.ss)[2]

@@ -34,7 +34,7 @@ import cmath
 import math
 from typing import NamedTuple
 
-from companion.core.positioning import Model
+from companion.core.positioning import Model, damping
 from companion.records import HeadingCheck, Vector, VehicleModel
 
 GYRO_MEMORY_S = 120.0
@@ -216,9 +216,8 @@ class HeadingWatch:
         if self._velocity is None and cmath.isnan(velocity):
             return
         nu = (velocity if self._velocity is None else self._velocity) / ahead
-        braked = complex(
-            gain_x * _damping(nominal, 0, nu.real) * nu.real, gain_y * _damping(nominal, 1, nu.imag) * nu.imag
-        )
+        d_u, d_v, _, _ = damping(nominal, (nu.real, nu.imag, 0.0, 0.0))
+        braked = complex(gain_x * d_u * nu.real, gain_y * d_v * nu.imag)
         if self._velocity is None:  # assume that it is in balance
             self._velocity, self._thrust = velocity, wanted
             moved, pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
@@ -262,7 +261,3 @@ class HeadingWatch:
         self._released_s = self._released_s + dt_s if self._lost else 0.0
         if self._released_s > self._retried_s:
             self._lost, self._retried_s = False, 2.0 * self._retried_s
-
-
-def _damping(nominal: Model, axis: int, speed: float) -> float:
-    return nominal.d1[axis] + nominal.d2[axis] * abs(speed)

@@ -86,7 +86,7 @@ class Autopilot:
             for message in found.messages:
                 self._maintenance.heard(message.MESSAGE_ID)
                 events += self._decoder.to_events(message, t_s)
-            events += (OtherHoldfast(t_s, frame.id in STEERING) for frame in found.others)
+            events += [OtherHoldfast(t_s, frame.id in STEERING) for frame in found.others]
             for asked in found.addressed:
                 events += pilot_events(asked, t_s, self.origin, self._link)
         others: list[Event] = []
