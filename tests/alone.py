@@ -51,7 +51,7 @@ class Law:
         full = verdict.authority >= 1.0
         orders = Orders(engaged, saturated, idle, full and not verdict.freeze, full, FULL)
         J = jacobian(s.eta_ahead[PSI])
-        self.memory, samples = controller.step(
+        self.memory, samples = controller.demand(
             self.parameters, self.memory, self.motion, J, target, orders, TICK_S
         )
         return DofSample(*zip(*samples, strict=True))

@@ -123,7 +123,7 @@ def start(actuation: Actuation) -> ActuationMemory:
     )
 
 
-def step(
+def actuate(
     actuation: Actuation,
     memory: ActuationMemory,
     requested: Vector,
@@ -141,7 +141,7 @@ def step(
     rests, learns = permission.authority == 0.0, permission.authority == 1.0
     if rests:
         memory = rested(actuation, memory)
-    held = attitude.HELD_LEVEL if rests else attitude.step(memory.held, wanted.angles, dt_s)
+    held = attitude.HELD_LEVEL if rests else attitude.approach(memory.held, wanted.angles, dt_s)
     off = attitude.deviation(held, at.roll, at.pitch, at.p, at.q, at.turn_radps)
     angle = tilt.coming_tilt(off.roll, off.pitch, off.p, off.q)
     active_wrench = requested if permission.active else memory.active_wrench
@@ -156,8 +156,8 @@ def step(
         rolls, pitches = turns(
             actuation, held, off, pushed(memory, wanted, force), N, learns, at.response.gain
         )
-        roll, K = levelling.step(actuation.roll, roll, rolls, at.response, dt_s)
-        pitch, M = levelling.step(actuation.pitch, pitch, pitches, at.response, dt_s)
+        roll, K = levelling.level(actuation.roll, roll, rolls, at.response, dt_s)
+        pitch, M = levelling.level(actuation.pitch, pitch, pitches, at.response, dt_s)
     a, N = permission.authority, attitude.upright_share(held) * N
     tau = (a * force[X], a * force[Y], a * force[Z], a * N, a * K, a * M)
     axes, shortfall = allocated(actuation, memory, tau, at.voltage_v, permission.reach, wanted.engaged[PSI])
@@ -188,7 +188,7 @@ def tilt_share(
     actuation: Actuation, memory: ActuationMemory, asked: Vector, angle: float, dt_s: float
 ) -> tuple[TiltState, Vector]:
     """Return what a tilt of `angle` leaves of surge, sway, heave and yaw. Heave is always ours."""
-    of_tilt = tilt.step(actuation.tilt_limit, memory.tilt, angle, level_n(memory.delivered), dt_s)
+    of_tilt = tilt.find_limit(actuation.tilt_limit, memory.tilt, angle, level_n(memory.delivered), dt_s)
     most_n, asked_n = tilt.allowed_n(of_tilt, angle), level_n(asked)
     level = most_n / asked_n if asked_n > most_n else 1.0
     return of_tilt, (level, level, 1.0, tilt.share(angle, tilt.YAW_LEVEL_RAD, tilt.YAW_STEEP_RAD))

@@ -41,8 +41,8 @@ LIMITS = reference.Parameters(max_rate=math.radians(20.0), max_acceleration=math
 class Held(NamedTuple):
     """The references of roll and pitch, rad."""
 
-    roll: reference.State
-    pitch: reference.State
+    roll: reference.ReferenceState
+    pitch: reference.ReferenceState
 
 
 class Deviation(NamedTuple):
@@ -67,13 +67,13 @@ def angle_rates(roll: float, pitch: float, p: float, q: float, r: float) -> tupl
     return p + math.sin(pitch) * turn, q * c - r * s, turn
 
 
-def step(held: Held, wanted: Angles, dt_s: float) -> Held:
+def approach(held: Held, wanted: Angles, dt_s: float) -> Held:
     """Move the references toward what is wanted."""
     if wanted == LEVEL and held == HELD_LEVEL:
         return held
     return Held(
-        reference.step(LIMITS, held.roll, wanted.roll, 0.0, 0.0, 1.0, dt_s),
-        reference.step(LIMITS, held.pitch, wanted.pitch, 0.0, 0.0, 1.0, dt_s),
+        reference.advance(LIMITS, held.roll, wanted.roll, 0.0, 0.0, 1.0, dt_s),
+        reference.advance(LIMITS, held.pitch, wanted.pitch, 0.0, 0.0, 1.0, dt_s),
     )
 
 

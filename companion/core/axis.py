@@ -18,7 +18,7 @@ from companion.records import DofSample, Flags, Setpoint, Vector
 BLEND_S = 2.0
 
 Sample = DofSample[float, bool]
-Aimed = tuple[reference.State, ScheduledGains]
+Aimed = tuple[reference.ReferenceState, ScheduledGains]
 
 
 class Axis(NamedTuple):
@@ -40,8 +40,8 @@ class Axis(NamedTuple):
 class AxisMemory(NamedTuple):
     """What is remembered of one degree of freedom."""
 
-    reference: reference.State
-    oscillation: oscillation.State
+    reference: reference.ReferenceState
+    oscillation: oscillation.Swings
     law: Any
     learnt: Any
     mean_d: float
@@ -109,7 +109,7 @@ def aim(
     if orders.idle[i]:
         return memory.reference, NO_GAINS
     there = reference.ahead(target.eta_d[i], target.eta_d_dot[i], target.eta_d_ddot[i], motion.ahead_s)
-    desired = reference.step(axis.reference, memory.reference, *there, orders.pace[i], dt_s)
+    desired = reference.advance(axis.reference, memory.reference, *there, orders.pace[i], dt_s)
     return desired, scheduled(axis.gains, motion.delay_s, memory.oscillation.gain_scale)
 
 
@@ -189,11 +189,11 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
     )
 
 
-def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s: float) -> oscillation.State:
+def watched(i: int, axis: Axis, memory: AxisMemory, tau: float, at: Place, dt_s: float) -> oscillation.Swings:
     """Look for an oscillation of the loop's own."""
     # A weak vehicle is asked for more, to move as much: that is no oscillation.
     demand = tau * min(at.gain[i], 1.0)
-    return oscillation.step(axis.oscillation, memory.oscillation, demand, dt_s, at.orders.watched)
+    return oscillation.watch(axis.oscillation, memory.oscillation, demand, dt_s, at.orders.watched)
 
 
 def sampled(

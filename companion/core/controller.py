@@ -57,7 +57,7 @@ def at_rest(control: Control, eta: Vector, eta_dot: Vector, disturbance: Vector)
     return ControlMemory(axes, 0.0)
 
 
-def step(
+def demand(
     control: Control,
     memory: ControlMemory,
     motion: Estimates,
@@ -139,5 +139,5 @@ def taken_over(
     """
     x, y, z, psi = map(axis.taken_over, old.axes, control.axes, memory.axes)
     known = ControlMemory((x, y, z, psi), memory.engaged_s)
-    asked, _ = step(control, known, motion, J, target, STILL, 0.0)
+    asked, _ = demand(control, known, motion, J, target, STILL, 0.0)
     return ControlMemory(each_of_two(axis.bumpless, asked.axes, memory.axes), memory.engaged_s)

@@ -131,7 +131,7 @@ class LevellingState(NamedTuple):
     """0.2 ω³ ∫φ dt, rad/s²."""
     slow: float
     """b, rad/s²; NaN before the first step."""
-    oscillation: oscillation.State
+    oscillation: oscillation.Swings
     pushed_n: float
     """Mean of Y, or of X."""
     lever: Lever
@@ -160,7 +160,7 @@ def levelling_of(
     lag_s: float,
     munk_m: float = 0.0,
 ) -> Levelling:
-    """Return what `step` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
+    """Return what `level` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
     limits = oscillation.Parameters(
         max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm, LEAST_SHARE, math.inf
     )
@@ -171,7 +171,7 @@ NO_LEVELLING = levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
 """What stands where roll and pitch are not ours."""
 
 
-def step(
+def level(
     levelling: Levelling, state: LevellingState, turn: Turn, response: Response, dt_s: float
 ) -> tuple[LevellingState, float]:
     """Return K, or M; the integral stands where the moment is at its bound."""
@@ -188,7 +188,7 @@ def step(
     integral, seen, lever = state.integral, state.oscillation, state.lever
     if turn.learns:
         integral += INTEGRAL * omega * omega * omega * dt_s * limited(ahead, MOST_TRIMMED_RAD)
-        seen = oscillation.step(levelling.oscillation, seen, feedback, dt_s)
+        seen = oscillation.watch(levelling.oscillation, seen, feedback, dt_s)
     lever_m = lever_in_use_m(levelling, state, response.adapts)
     moment = lever_m * turn.force + feedback - inertia * integral + turn.moment
     if not abs(moment) <= levelling.max_moment_nm:

@@ -71,7 +71,7 @@ class Parameters(NamedTuple):
     first: float = 1.0
 
 
-class State(NamedTuple):
+class Swings(NamedTuple):
     """What is left of the gains (LEAST..1), and what it is judged by."""
 
     gain_scale: float
@@ -95,11 +95,11 @@ class State(NamedTuple):
     """So many swings in a row before that were quick and beyond the limit."""
 
 
-START = State(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0, 0, 0.0, 0.0, 0)
+START = Swings(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0, 0, 0.0, 0.0, 0)
 """Full gains, and nothing seen yet."""
 
 
-def step(parameters: Parameters, state: State, tau: float, dt_s: float, full: bool = True) -> State:
+def watch(parameters: Parameters, state: Swings, tau: float, dt_s: float, full: bool = True) -> Swings:
     """Take one tick's demand; without `full` authority only quick swings are a cycle."""
     tau = limited(tau, parameters.max_force)
     slow = tau if math.isnan(state.slow) else state.slow
@@ -113,7 +113,7 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, full: bo
     if quick >= QUICK_SWINGS - 1 and peak > parameters.limit:
         scale = clamped(QUICK_LEAVES * state.gain_scale, parameters.least, 1.0)
         ceiling = clamped(RELAPSE_SHARE * state.ceiling, parameters.least, 1.0)
-        return State(scale, ceiling, slow, 0.0, 0.0, 0.0, fast, 0, swing_s, peak, 0)
+        return Swings(scale, ceiling, slow, 0.0, 0.0, 0.0, fast, 0, swing_s, peak, 0)
     if not full:
         return state._replace(slow=slow, fast=fast, swing_s=swing_s, peak=peak, quick=quick)
     power = state.power + (fast * fast - state.power) * (1.0 - math.exp(-dt_s / MEMORY_S))
@@ -133,7 +133,7 @@ def step(parameters: Parameters, state: State, tau: float, dt_s: float, full: bo
     ceiling = clamped(ceiling, parameters.least, 1.0)
     ended_s = 0.0 if cycles else state.ended_s + dt_s
     scale = clamped(scale, parameters.least, ceiling)
-    return State(scale, ceiling, slow, power, lasts_s, ended_s, fast, swings, swing_s, peak, quick)
+    return Swings(scale, ceiling, slow, power, lasts_s, ended_s, fast, swings, swing_s, peak, quick)
 
 
 def mean_disturbance(mean: float, d: float, dt_s: float) -> float:

@@ -37,7 +37,7 @@ class Parameters(NamedTuple):
     angular: bool
 
 
-class State(NamedTuple):
+class ReferenceState(NamedTuple):
     """The reference of one degree of freedom, and the target's motion at the last step."""
 
     x_d: float
@@ -47,20 +47,20 @@ class State(NamedTuple):
     target_ddot: float
 
 
-def start(parameters: Parameters, x: float, x_dot: float) -> State:
+def start(parameters: Parameters, x: float, x_dot: float) -> ReferenceState:
     """Return a reference where the vehicle is and as it moves, so that engaging it is no step."""
-    return State(x, limited(x_dot, parameters.max_rate), 0.0, 0.0, 0.0)
+    return ReferenceState(x, limited(x_dot, parameters.max_rate), 0.0, 0.0, 0.0)
 
 
-def step(
+def advance(
     parameters: Parameters,
-    state: State,
+    state: ReferenceState,
     target: float,
     target_dot: float,
     target_ddot: float,
     pace: float,
     dt_s: float,
-) -> State:
+) -> ReferenceState:
     """Advance by `dt_s` toward a target that moves by `target_dot`, `target_ddot`."""
     a_max = parameters.max_acceleration
     jerk_dt = a_max * (dt_s / ACCELERATION_LAG_S)
@@ -84,7 +84,7 @@ def step(
         fastest = parameters.max_rate
     delta_dot = limited(delta_dot + dt_s * delta_ddot, fastest)
 
-    return State(
+    return ReferenceState(
         state.x_d + path_step + dt_s * delta_dot,
         target_dot + delta_dot,
         target_ddot + delta_ddot,
@@ -102,7 +102,7 @@ def ahead(target: float, target_dot: float, target_ddot: float, ahead_s: float) 
 class Reference(NamedTuple):
     """The references of all four degrees of freedom, and the share of each `max_rate` that is left."""
 
-    states: tuple[State, State, State, State]
+    states: tuple[ReferenceState, ReferenceState, ReferenceState, ReferenceState]
     pace: Vector
 
     @property

@@ -170,7 +170,7 @@ class Suspect(NamedTuple):
     """Factor by which its time counts."""
 
 
-class State(NamedTuple):
+class WatchState(NamedTuple):
     """What is known."""
 
     lagged: Motors
@@ -198,7 +198,7 @@ NO_SUMS = Sums(NONE, NONE, NONE, NONE, NONE, yy=0.0, ys=0.0, ss=0.0, yh=0.0, sh=
 NOTHING = TwoAxes(NO_SUMS, NO_SUMS, 1.0)
 NO_FAULT = Fault(0, 1.0)
 NOBODY = Suspect(NO_FAULT, 0.0, 1.0)
-START = State(
+START = WatchState(
     lagged=(0.0,) * 8,
     pushes=(0.0,) * 8,
     slow=(0.0,) * 5,
@@ -213,21 +213,21 @@ START = State(
 """All motors push, as far as is known."""
 
 
-def rest(state: State) -> State:
+def rest(state: WatchState) -> WatchState:
     """Return what stays known where nobody steers: the motor that was accused."""
     return START._replace(dead=state.dead, reversed=state.reversed, excused_s=state.excused_s)
 
 
-def step(
+def watch(
     parameters: Parameters,
-    state: State,
+    state: WatchState,
     axes: Axes,
     voltage_v: float,
     turning: Turning,
     levers: Levers,
     delay_s: float,
     dt_s: float,
-) -> State:
+) -> WatchState:
     """Take the axes that went out, and how the vehicle turned before; `delay_s` from sensor to motor."""
     new = 1.0 - math.exp(-dt_s / SLOW_S)
     late = 1.0 - math.exp(-dt_s / max(parameters.lag_s + delay_s, SHORTEST_S))
@@ -249,7 +249,7 @@ def step(
     suspect, fault, excused_s = judged(state, seen_across, seen_upright, levers, dt_s)
     if fault != believed(state) or (fault.share < 0.0 and excused_s > 0.0):
         seen_across, seen_upright = NOTHING, NOTHING
-    return State(
+    return WatchState(
         lagged=across + upright,
         pushes=horizontal + vertical,
         slow=slow,
@@ -263,7 +263,7 @@ def step(
     )
 
 
-def believed(state: State) -> Fault:
+def believed(state: WatchState) -> Fault:
     """Return the fault that is believed."""
     if state.reversed > 0:
         return Fault(state.reversed, -1.0)
@@ -281,7 +281,7 @@ def _acting(before: float, demand: float, strength: float, new: float) -> float:
 
 def summed(
     parameters: Parameters,
-    state: State,
+    state: WatchState,
     horizontal: Four,
     vertical: Four,
     slow: Turning,
@@ -369,7 +369,7 @@ def _products(before: Five, v: Five, other: float, keep: float) -> Five:
 
 
 def judged(
-    state: State, across: TwoAxes, upright: TwoAxes, levers: Levers, dt_s: float
+    state: WatchState, across: TwoAxes, upright: TwoAxes, levers: Levers, dt_s: float
 ) -> tuple[Suspect, Fault, float]:
     """Suspect a fault, or doubt the one that is believed; after HOLDS_S believe it."""
     fault, excused_s = believed(state), max(state.excused_s - dt_s, 0.0)

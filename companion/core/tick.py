@@ -39,7 +39,7 @@ class Memory(NamedTuple):
     controlled: ControlMemory
     actuated: ActuationMemory
     limits: Limits
-    watch: thruster_watch.State
+    watch: thruster_watch.WatchState
     watch_ticks: int
 
 
@@ -134,12 +134,12 @@ def control(
         watched=full,
         pace=memory.limits.pace,
     )
-    controlled, samples = controller.step(
+    controlled, samples = controller.demand(
         parameters.control, memory.controlled, motion, known.J, wanted.target, orders, dt_s
     )
     requested = wrench(known.J, samples, excitation)
     away_m = distance_m(motion.eta_ahead, controlled)
-    actuated, axes, limits = actuation.step(
+    actuated, axes, limits = actuation.actuate(
         parameters.actuation, memory.actuated, requested, permission, wanted, known.tilt, away_m, dt_s
     )
     controlled = controller.caught_up(
@@ -199,7 +199,7 @@ def known_of(
     inputs: Inputs,
     motion: Estimates,
     model: VehicleModel,
-    watch: thruster_watch.State,
+    watch: thruster_watch.WatchState,
     adapts: bool,
 ) -> Known:
     """Return what is known of the vehicle, and where a command finds it that is sent now."""
@@ -260,12 +260,12 @@ def levers(vehicle: Actuation, memory: ActuationMemory, adapts: bool) -> thruste
 
 def watched(
     parameters: Parameters,
-    watch: thruster_watch.State,
+    watch: thruster_watch.WatchState,
     ticks: int,
     actuated: ActuationMemory,
     demand: Demand,
     applied: Axes,
-) -> tuple[thruster_watch.State, int]:
+) -> tuple[thruster_watch.WatchState, int]:
     """Look for a motor that gives no thrust, or pushes the other way, while the vehicle follows us."""
     permission, inputs = demand.permission, demand.known.inputs
     if permission.trusts_thrusters:
@@ -274,7 +274,7 @@ def watched(
         return thruster_watch.rest(watch), ticks
     ticks += 1
     if ticks % WATCH_TICKS == 0:
-        watch = thruster_watch.step(
+        watch = thruster_watch.watch(
             parameters.watch,
             watch,
             applied,

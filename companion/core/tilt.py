@@ -136,7 +136,7 @@ def start(limit: TiltLimit) -> TiltState:
     return TiltState(limit.start_n, math.inf, 0.0, False)
 
 
-def step(limit: TiltLimit, state: TiltState, tilt: float, pushed_n: float, dt_s: float) -> TiltState:
+def find_limit(limit: TiltLimit, state: TiltState, tilt: float, pushed_n: float, dt_s: float) -> TiltState:
     """Take one tick's tilt (rad) and the force that was pushed."""
     now_n = pushed_n if limit.levelled else 0.0
     pushed_n = state.pushed_n + (pushed_n - state.pushed_n) * dt_s / (dt_s + MEMORY_S)

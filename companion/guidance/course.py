@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Self
 
 from companion.core.bounds import wrap
-from companion.core.reference import State as ReferenceState
+from companion.core.reference import ReferenceState
 from companion.estimation.frame import Offset
 from companion.guidance.orders import place
 from companion.guidance.paths.curve import straight

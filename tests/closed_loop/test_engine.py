@@ -145,7 +145,7 @@ def test_who_steered_and_let_go_long_ago_leaves_in_silence():
 def test_who_crashes_leaves_neutral_if_it_steered(monkeypatch):
     """Whatever breaks within a tick: what the vehicle was told in the tick before is still in force."""
     dive = active()
-    monkeypatch.setattr("companion.core.controller.step", None)
+    monkeypatch.setattr("companion.core.controller.demand", None)
     with pytest.raises(TypeError):
         dive.run(0.02)
     assert steering(dive.engine.shutdown_frames()) == (0.0,) * 6

@@ -39,7 +39,7 @@ def drive(orders, angular, tail_s=0.0):
         for _ in range(round((order[2] + more) / TICK_S)):
             t += TICK_S
             place, rate, acceleration = targets(order, t)
-            state = reference.step(parameters, state, place, rate, acceleration, 1.0, TICK_S)
+            state = reference.advance(parameters, state, place, rate, acceleration, 1.0, TICK_S)
             seen.append([place, state.x_d, state.x_d_dot, state.x_d_ddot])
     return np.array(seen).T
 
@@ -83,7 +83,7 @@ def test_no_overshoot_from_rest_and_little_when_it_was_moving(target, reach, rat
     parameters = Parameters(RATE, ACCELERATION, False)
     state, over = reference.start(parameters, 0.0, rate), 0.0
     for _ in range(3000):
-        state = reference.step(parameters, state, target, 0.0, 0.0, 1.0, TICK_S)
+        state = reference.advance(parameters, state, target, 0.0, 0.0, 1.0, TICK_S)
         over = max(over, np.sign(target) * (state.x_d - target))
     unavoidable = rate**2 / ACCELERATION + 0.15 * abs(rate)
     assert over <= 1e-3 + 0.005 * abs(target) + unavoidable

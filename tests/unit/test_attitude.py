@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.config import Config, load_config
-from companion.core import attitude, reference
+from companion.core import attitude
+from companion.core.reference import ReferenceState
 from companion.guidance.angles import HeldAngles
 from companion.records import LEVEL, Angles, AxisCommand
 
@@ -28,7 +29,8 @@ def test_the_rates_of_the_angles_turn_the_body_at_its_rates(roll, pitch, p, q, r
 
 def held(roll, pitch, roll_dot=0.0, pitch_dot=0.0):
     return attitude.Held(
-        reference.State(roll, roll_dot, 0.0, 0.0, 0.0), reference.State(pitch, pitch_dot, 0.0, 0.0, 0.0)
+        ReferenceState(roll, roll_dot, 0.0, 0.0, 0.0),
+        ReferenceState(pitch, pitch_dot, 0.0, 0.0, 0.0),
     )
 
 
@@ -68,7 +70,7 @@ def test_a_vehicle_that_turns_and_pitches_as_it_should_does_not_deviate(
 def test_the_reference_arrives_within_its_limits():
     at, wanted, fastest = attitude.HELD_LEVEL, Angles(0.3, -0.5), 0.0
     for _ in range(300):
-        at = attitude.step(at, wanted, 0.02)
+        at = attitude.approach(at, wanted, 0.02)
         fastest = max(fastest, abs(at.roll.x_d_dot), abs(at.pitch.x_d_dot))
     assert attitude.angles(at) == pytest.approx(wanted, abs=1e-3)
     assert 0.2 < fastest <= attitude.LIMITS.max_rate + 1e-9

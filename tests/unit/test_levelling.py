@@ -14,9 +14,9 @@ from companion.core.levelling import (
     START,
     Response,
     Turn,
+    level,
     levelling_of,
     rested,
-    step,
 )
 from companion.records import NEUTRAL, AxisCommand, Condition, State, Verdict
 from companion.supervision.guard import Envelope, guard
@@ -45,7 +45,7 @@ def stepped(
     part, state, angle, rate, force, delay_s=NEAR_S, *, learn=True, gain=1.0, lag_s=LAG_S, adapts=True
 ):
     turn = Turn(angle, rate, force, moment=0.0, learns=learn, straight=True)
-    return step(part, state, turn, Response(delay_s, gain, lag_s, adapts), TICK_S)
+    return level(part, state, turn, Response(delay_s, gain, lag_s, adapts), TICK_S)
 
 
 def moments(

@@ -19,7 +19,7 @@ PARAMETERS = Parameters(MAX_N, SHARES[Z] * MAX_N)
 
 
 def step(state, tau):
-    return oscillation.step(PARAMETERS, state, tau, DT_S)
+    return oscillation.watch(PARAMETERS, state, tau, DT_S)
 
 
 def watched(demand, seconds=20.0):
@@ -90,7 +90,7 @@ def test_a_cycle_in_heading_is_noticed_when_it_asks_for_little():
     state = START
     for i in range(round(8.0 / DT_S)):
         tau = 0.2 * most_nm * np.sin(2.0 * np.pi * 0.65 * i * DT_S)
-        state = oscillation.step(Parameters(most_nm, SHARES[PSI] * most_nm), state, tau, DT_S)
+        state = oscillation.watch(Parameters(most_nm, SHARES[PSI] * most_nm), state, tau, DT_S)
     assert state.gain_scale < 0.5
 
 
@@ -103,7 +103,7 @@ def growing(t_s):
 def test_a_quick_cycle_is_ended_before_it_reaches_a_dozen_times_the_limit(full):
     state, t_s = START, 0.0
     while state.gain_scale == 1.0 and t_s < 2.0:
-        state = oscillation.step(PARAMETERS, state, growing(t_s), DT_S, full)
+        state = oscillation.watch(PARAMETERS, state, growing(t_s), DT_S, full)
         t_s += DT_S
     assert state.gain_scale < 0.5
     assert 2.0 ** (11.0 * t_s - 4.0) < 12.0

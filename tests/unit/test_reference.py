@@ -6,8 +6,7 @@ from alone import Law
 from builders import RESTING
 
 from companion.core import controller
-from companion.core.reference import Parameters, start
-from companion.core.reference import step as advance
+from companion.core.reference import Parameters, advance, start
 from companion.records import Setpoint, vector
 
 TICK_S = 0.02

@@ -50,7 +50,7 @@ class Body:
             self.rate = self.rate + DT_S * acceleration
             self.angle = self.angle + DT_S * self.rate
             turning = (*self.angle[:2].tolist(), *self.rate.tolist())
-            self.watch = thruster_watch.step(
+            self.watch = thruster_watch.watch(
                 BELIEVED, self.watch, axes, 16.0, turning, self.levers, 0.0, DT_S
             )
             if self.watch.dead + self.watch.reversed > 0 and self.motor_s is None:

@@ -19,10 +19,10 @@ from companion.core.tilt import (
     allowed_n,
     body_force,
     coming_tilt,
+    find_limit,
     level_force,
     share,
     start,
-    step,
 )
 
 TICK_S = 0.02
@@ -90,7 +90,7 @@ class Found:
 
 def after(found, seconds, tilt=0.0, pushed_n=8.0):
     for _ in range(round(seconds / TICK_S)):
-        found.state = step(found.limit, found.state, tilt, pushed_n, TICK_S)
+        found.state = find_limit(found.limit, found.state, tilt, pushed_n, TICK_S)
     return allowed_n(found.state, tilt)
 
 

@@ -108,7 +108,7 @@ class TimeLaw:
         self._profile = profile
         self._parameters = reference.Parameters(profile.max_speed, profile.acceleration, angular=False)
         self._end = laps * profile.curve.length
-        self._state = reference.State(0.0, 0.0, 0.0, 0.0, 0.0)
+        self._state = reference.ReferenceState(0.0, 0.0, 0.0, 0.0, 0.0)
 
     @property
     def s(self) -> float:
@@ -132,13 +132,13 @@ class TimeLaw:
 
     def halt(self) -> None:
         """Stand still at once: somebody else moves the vehicle."""
-        self._state = reference.State(self.s, 0.0, 0.0, 0.0, 0.0)
+        self._state = reference.ReferenceState(self.s, 0.0, 0.0, 0.0, 0.0)
 
     def step(self, pace: float, dt_s: float) -> Setpoint:
         """Advance by `dt_s` at `pace`, the share of the speed that may be used; return where to be."""
         allowed = self._profile.slowest(self.s, self.s + self.s_dot * REFERENCE_LAG_S)
         share = pace * allowed / self._profile.max_speed
-        self._state = reference.step(self._parameters, self._state, self._end, 0.0, 0.0, share, dt_s)
+        self._state = reference.advance(self._parameters, self._state, self._end, 0.0, 0.0, share, dt_s)
         return self.setpoint()
 
     def setpoint(self) -> Setpoint:
