@@ -20,6 +20,8 @@ from companion.telemetry.modes import Mode
 C = Condition
 DISARM = 2.0
 """FS_PILOT_INPUT."""
+SILENT_S = 1.5
+"""A ground station repeats the sticks at least once a second."""
 BEAT_S, LEAST_S = 1.5, 1e-3
 """LEAST_S is reported until a heartbeat, BEAT_S later at most, says that the vehicle was disarmed."""
 
@@ -86,13 +88,14 @@ class Supervision:
         return steers
 
     def disarms_in_s(self, state: VehicleState) -> float:
-        """Return how long after our last frame the autopilot still waits for a pilot; 0 where it does not."""
+        """Return how long the autopilot still waits for a pilot; 0 where one steers or it does not disarm."""
         waits = state.armed and self.verdict.authority == 0.0 and self.verdict.state is not State.HAND_OVER
         if not waits or self._parameters.get("FS_PILOT_INPUT") != DISARM:
             return 0.0
-        if self._monitor.pilot_heard_s > self._held_s:
+        heard_s = self._monitor.pilot_heard_s
+        if heard_s > self._held_s and state.t_s - heard_s < SILENT_S:
             return 0.0
-        left_s = self._steered_s + self._parameters.get("FS_PILOT_TIMEOUT", 0.0) - state.t_s
+        left_s = max(self._steered_s, heard_s) + self._parameters.get("FS_PILOT_TIMEOUT", 0.0) - state.t_s
         return max(left_s, LEAST_S) if left_s > -BEAT_S else 0.0
 
     def wanted_mode(self, state: VehicleState) -> Mode | None:

@@ -61,6 +61,22 @@ def test_nobody_says_that_nobody_steers_once_a_pilot_has_taken_over():
     assert [sample.disarms_in_s for sample in after] == [0.0] * len(after)
 
 
+def test_a_pilot_who_steered_and_went_silent_is_missed_before_the_autopilot_disarms():
+    """That he was heard once after a release counted for ever: nobody was told."""
+    dive = holding()
+    dive.cockpit.push(heave=0.1)
+    dive.ask(Request.STOP)
+    dive.run(2.0)
+    assert dive.state is not State.ACTIVE
+    assert dive.step.sample.disarms_in_s == 0.0
+    dive.cockpit.sticks = None
+    samples = [step.sample for step in dive.loop.run(6.0)]
+    left_s = [sample.disarms_in_s for sample in samples if sample.state.armed]
+    assert len(left_s) < len(samples), "the autopilot disarms"
+    assert max(left_s) == pytest.approx(1.5, abs=0.3)
+    assert min(left_s[100:]) > 0.0
+
+
 @pytest.mark.parametrize(("axis", "push"), [("surge", 0.3), ("sway", -0.3)])
 def test_axes_that_are_not_held_are_the_pilots_own(axis, push):
     dive = holding()
