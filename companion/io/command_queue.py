@@ -302,10 +302,7 @@ class CommandQueue:
             if faulty and not late:
                 return None
             return Reply(done=not faulty, said=f"{'refused' if faulty else 'cleared'}. {is_now}", value=value)
-        if isinstance(
-            payload,
-            commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity,
-        ):
+        if isinstance(payload, commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity):
             return self._guided(engine, sample, value)
         if isinstance(payload, commands.SetSetpoint):
             said = self._progress(engine, sample, hold="on its way")
