@@ -461,6 +461,7 @@ class Engine:
             texts=(*self._fitness.introduced(heard.now_s), *said),
             refused=refused,
             disarms_in_s=self._supervision.disarms_in_s(state),
+            reads=self.reads,
         )
 
 

@@ -48,7 +48,7 @@ motors one that is reversed shows -0.33, a dead one 0.2."""
 NO_ANSWER = 0.1
 """The strongest motor of a group has to answer with this share of what the configured vehicle would."""
 
-UNREAD = "wait; reduce the load of the link; check whether the vehicle requires signatures"
+WAIT = "wait; reduce the load of the link; check whether the vehicle requires signatures"
 """What to do about a row that needs what was not reported yet."""
 
 
@@ -65,13 +65,14 @@ GOOD, WARNING, REFUSED = Grade
 
 @dataclass(frozen=True, slots=True)
 class CheckRow:
-    """One line of the list: what was found, why it matters, how to fix it."""
+    """One line of the list: what was found, why it matters, how to fix it; or what it needs is `unread`."""
 
     name: str
     grade: Grade
     found: str
     why: str
     fix: str = ""
+    unread: bool = False
 
 
 class Finding(NamedTuple):
@@ -80,6 +81,7 @@ class Finding(NamedTuple):
     grade: Grade
     found: str
     fix: str = ""
+    unread: bool = False
 
 
 class Judge(NamedTuple):
@@ -114,9 +116,9 @@ def rows(seen: Observed, config: Config) -> list[CheckRow]:
         try:
             it = row.judge(seen, config)
         except NotReportedError as error:
-            it = Finding(REFUSED, str(error), UNREAD)
+            it = Finding(REFUSED, str(error), WAIT, unread=True)
         if it is not None:
-            found.append(CheckRow(row.name, it.grade, it.found, row.why, it.fix))
+            found.append(CheckRow(row.name, it.grade, it.found, row.why, it.fix, it.unread))
     return found
 
 
@@ -141,7 +143,7 @@ def _link(seen: Observed, config: Config) -> Finding:
     if _is_heard(seen, config):
         return Finding(GOOD, f"the {whom} arrives at {link.endpoint}")
     found, fix = seen.contact
-    return Finding(REFUSED, f"no {whom}: {found}", fix)
+    return Finding(REFUSED, f"no {whom}: {found}", fix, unread=True)
 
 
 @_row("signing", "frames that are not signed with link.signing_key_file are dropped")

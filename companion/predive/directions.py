@@ -71,7 +71,7 @@ def shares(
                 continue
             for name in measured:
                 row = levers[_RATES[name], group] * pushes
-                answer = _answer(samples.get(axis, ()), name, starts_s.get(axis), axis, lag_s, delay_s)
+                answer = _answer(samples[axis], name, starts_s[axis], axis, lag_s, delay_s)
                 if answer is None or not levers[_RATES[name], group].any():
                     continue
                 scale = np.abs(row).sum()
@@ -88,11 +88,9 @@ _RATES = {"w": 2, "r": 3, "p": 4, "q": 5}
 
 
 def _answer(
-    samples: Sequence[RateSample], name: str, start_s: float | None, axis: str, lag_s: float, delay_s: float
+    samples: Sequence[RateSample], name: str, start_s: float, axis: str, lag_s: float, delay_s: float
 ) -> float | None:
     """Return the moment (N·m) or force (N) behind one rate, per unit of inertia and newton of one motor."""
-    if start_s is None:
-        return None
     fitted = [(s.t_s - start_s, s.value) for s in samples if s.name == name and s.t_s - start_s <= FIT_S]
     if len(fitted) < 8:
         return None

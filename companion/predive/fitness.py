@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from companion.config import Config
 from companion.mavlink.autopilot import Autopilot
-from companion.predive.check import UNREAD, CheckRow, refusals, rows
+from companion.predive.check import CheckRow, refusals, rows
 from companion.predive.survey import Survey
 from companion.records import ENGAGE_S, Condition, Event, StatusText, VehicleState
 
@@ -21,14 +21,14 @@ class Fitness:
         self._autopilot = autopilot
         self._survey = Survey(autopilot)
         self._checked_s = -math.inf
-        self._about = ""
+        self._about = self._failure = ""
         self.listed: list[CheckRow] = []
         """The list as it was made last, as far as it is known without trying anything."""
-        self._failure = ""
+        self._hears: bool | None = None
         self._read_s = math.nan
-        """When the list was complete last."""
+        """Since when the list is being read."""
         self.reads = True
-        """Whether what the list needs is still being read: for ENGAGE_S that is no refusal."""
+        """Whether what the list needs is still being read: for ENGAGE_S that is no refusal, nor an event."""
 
     def step(
         self,
@@ -42,13 +42,13 @@ class Fitness:
         """Take one tick's events and the last one's conditions; return what forbids engaging, in words."""
         self._survey.take(events)
         now_s = state.t_s
-        if now_s - self._checked_s >= CHECK_S or len(self.listed) == 1:
+        if now_s - self._checked_s >= CHECK_S or not self._hears:
             self._checked_s = now_s
             self.listed = rows(self._survey.observed(state, conditions), config)
             self._failure = refusals(self.listed, holding=holding)
-            unread = len(self.listed) == 1 or any(row.fix == UNREAD for row in self.listed)
-            if not unread or math.isnan(self._read_s):
-                self._read_s = now_s
+            hears, unread = len(self.listed) > 1, any(row.unread for row in self.listed)
+            if not unread or hears is not self._hears:
+                self._hears, self._read_s = hears, now_s
             self.reads = unread and now_s - self._read_s < ENGAGE_S
         return self._failure
 

@@ -141,6 +141,8 @@ class ControlSample(msgspec.Struct, frozen=True):
     """Why the pilot's engage button was refused in this tick."""
     disarms_in_s: float = 0.0
     """Time until the autopilot disarms, as nobody steers; 0 if it does not."""
+    reads: bool = False
+    """Whether what the pre-dive list needs is still being read."""
 
     @property
     def foreign(self) -> int:

@@ -21,8 +21,6 @@ from companion.telemetry.repeats import Repeats, cause
 from companion.telemetry.schemas import Event, Kind, printable
 
 RESETS = Condition.YAW_RESET | Condition.POSITION_RESET | Condition.DEPTH_RESET
-READ_S = 2.0
-"""PREFLIGHT_FAILURE for less means that a row was not read yet: that is no event."""
 MAV_SEVERITY_ERROR, MAV_SEVERITY_WARNING = 3, 4
 
 Happened = Iterator[tuple[Severity, Kind, str]]
@@ -39,7 +37,6 @@ class EventLog:
         self._motors = (0, 0)
         self._guided = (0, "")
         self._pending = ""
-        self._refused_s = math.inf
         self._resets = 0
         self._turned_rad = self._sunk_m = 0.0
 
@@ -58,7 +55,7 @@ class EventLog:
         state = sample.state
         happened = chain(
             _told(sample, results, duplicate_instances, peer_changes),
-            self._condition_changes(sample.verdict, state.t_s),
+            self._condition_changes(sample.verdict, reads=sample.reads),
             self._motor_changes(state.dead_motor, state.reversed_motor),
             self._course_changes(sample),
             self._reset(sample),
@@ -78,10 +75,10 @@ class EventLog:
             if kind == "state" or self._repeats.passes(said, now_s):
                 yield severity, kind, text
 
-    def _condition_changes(self, verdict: Verdict, now_s: float) -> Happened:
+    def _condition_changes(self, verdict: Verdict, *, reads: bool) -> Happened:
+        """Tell which conditions begin and end; a row that is not read yet is no event."""
         before, now = self._conditions, verdict.conditions & ~UNSAID
-        self._refused_s = min(self._refused_s, now_s) if Condition.PREFLIGHT_FAILURE in now else math.inf
-        if now_s - self._refused_s < READ_S:
+        if reads:
             now &= ~Condition.PREFLIGHT_FAILURE
         self._conditions = now
         if self._state is not None and before != now:  # the first state's reason names them

@@ -194,6 +194,18 @@ def test_engage_waits_for_what_is_not_read_yet_and_is_then_done():
     assert reply.done, reply.said
 
 
+def test_engage_waits_for_a_vehicle_that_was_switched_on_late():
+    """The time for reading its parameters began with the process: it was refused as in the first second."""
+    dive, console = at_console(waits_s=0.02)
+    dive.fault("link_cut", ENGAGE_S + 1.0)
+    for step in dive.loop.run(ENGAGE_S + 3.0):
+        if Condition.LINK_LOST not in step.sample.verdict.conditions:
+            break
+    assert step.sample.reads
+    reply = console.tell("engage", within_s=12.0)
+    assert reply.done, reply.said
+
+
 def test_nothing_may_be_engaged_before_the_list_was_made():
     """For up to a quarter of a second a list counted that was made before the vehicle was heard."""
     for late_s in (0.13, 0.21, 0.29, 0.37):
