@@ -3,7 +3,8 @@
 import math
 from typing import NamedTuple
 
-from companion.records import ZERO, Vector, vector
+from companion.core.four import each_of_two
+from companion.records import ZERO, Vector
 
 KEPT_S = 1.5
 """How long a command is kept: a loop that is as late is not steered."""
@@ -39,9 +40,8 @@ def appended(commands: list[SentCommand], t_s: float, tau: Vector, d_hat: Vector
         first += 1
     kept, dt_s = commands[first:], t_s - last.t_s
     share = 1.0 - math.exp(-dt_s / SLOW_S)
-    (x, y, z, psi), (X, Y, Z, N) = last.d_hat, d_hat
-    slow = (x + share * (X - x), y + share * (Y - y), z + share * (Z - z), psi + share * (N - psi))
-    kept.append(SentCommand(t_s, tau, _impulse(last, last.tau, dt_s), slow))
+    slow = each_of_two(_nearer, last.d_hat, d_hat, share)
+    kept.append(SentCommand(t_s, tau, each_of_two(_plus, last.impulse, last.tau, dt_s), slow))
     return kept
 
 
@@ -79,15 +79,17 @@ def without_thrust(commands: list[SentCommand], tau: Vector) -> list[SentCommand
     return [
         SentCommand(
             t_s=command.t_s,
-            tau=vector([command.tau[dof] - tau[dof] for dof in range(4)]),
-            impulse=_impulse(command, tau, now_s - command.t_s),
+            tau=each_of_two(_plus, command.tau, tau, -1.0),
+            impulse=each_of_two(_plus, command.impulse, tau, now_s - command.t_s),
             d_hat=command.d_hat,
         )
         for command in commands
     ]
 
 
-def _impulse(command: SentCommand, tau: Vector, dt_s: float) -> Vector:
-    """Return the impulse before a command and that of a thrust over `dt_s`."""
-    (x, y, z, psi), (X, Y, Z, N) = command.impulse, tau
-    return (x + X * dt_s, y + Y * dt_s, z + Z * dt_s, psi + N * dt_s)
+def _nearer(one: float, other: float, share: float) -> float:
+    return one + share * (other - one)
+
+
+def _plus(one: float, other: float, times: float) -> float:
+    return one + times * other
