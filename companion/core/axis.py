@@ -119,13 +119,13 @@ def step(
     """Return the memory and τ of degree of freedom `i`, with what it is made of."""
     if at.orders.idle[i]:
         return idle(i, axis, memory, at, dt_s)
-    desired, gains = aimed
+    desired, left = aimed
     x, x_dot = at.motion.eta_ahead[i], at.motion.eta_dot_ahead[i]
     e = wrap(x - desired.x_d) if axis.reference.angular else x - desired.x_d
     e_dot = x_dot - desired.x_d_dot
-    signals = Signals(e, e_dot, e_dot + gains.gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
-    learnt, mean_d, d_hat, adapting = disturbance(i, axis, memory, signals, gains, at, dt_s)
-    motion = moved(i, signals, gains, d_hat, at)
+    signals = Signals(e, e_dot, e_dot + left.gains.lam * e, x_dot, desired.x_d_dot, desired.x_d_ddot)
+    learnt, mean_d, d_hat, adapting = disturbance(i, axis, memory, signals, left, at, dt_s)
+    motion = moved(i, signals, left, d_hat, at)
     law, force, d_hat = axis.law.step(axis.law.parameters, memory.law, motion, dt_s)
     bias = memory.bias * math.exp(-dt_s / BLEND_S)
     asked = force + bias
@@ -137,7 +137,7 @@ def step(
         learnt=learnt,
         mean_d=mean_d,
         d_hat=d_hat + bias,
-        d_share=gains.d_share,
+        d_share=left.d_share,
         asked=asked,
         bias=bias,
         seeds=False,
@@ -150,7 +150,7 @@ def disturbance(
     axis: Axis,
     memory: AxisMemory,
     signals: Signals,
-    gains: ScheduledGains,
+    left: ScheduledGains,
     at: Place,
     dt_s: float,
 ) -> tuple[Any, float, float, bool]:
@@ -160,11 +160,11 @@ def disturbance(
     d = observed(axis, at.motion.disturbance[i] + (predicted.rise if axis.predicts else 0.0))
     if memory.seeds:
         learnt = compensator.seed(compensator.parameters, learnt, signals, memory.d_hat - d)
-    learns, learn_s = at.orders.learns and at.free[i], gains.share * gains.share / at.gain[i] * dt_s
+    learns, learn_s = at.orders.learns and at.free[i], left.share * left.share / at.gain[i] * dt_s
     learnt, found, adapting = compensator.step(compensator.parameters, learnt, signals, learn_s, learns)
     mean_d = mean_disturbance(memory.mean_d, d + found, dt_s)
     adapting = adapting or (axis.predicts and predicted.learns)
-    return learnt, mean_d, scaled_disturbance(mean_d, d + found, gains.d_share), adapting
+    return learnt, mean_d, scaled_disturbance(mean_d, d + found, left.d_share), adapting
 
 
 def observed(axis: Axis, d_observer: float) -> float:
@@ -172,7 +172,7 @@ def observed(axis: Axis, d_observer: float) -> float:
     return limited(d_observer, axis.max_disturbance) if axis.by_observer else 0.0
 
 
-def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Place) -> Motion:
+def moved(i: int, signals: Signals, left: ScheduledGains, d_hat: float, at: Place) -> Motion:
     """Return what the law sees."""
     return Motion(
         e=signals.e,
@@ -183,8 +183,8 @@ def moved(i: int, signals: Signals, gains: ScheduledGains, d_hat: float, at: Pla
         m=at.m[i] / at.gain[i],
         k_plus_h=at.k_plus_h[i] / at.gain[i],
         d_hat=d_hat,
-        gains=gains.gains,
-        share=gains.share,
+        gains=left.gains,
+        share=left.share,
         free=at.free[i],
     )
 

@@ -100,8 +100,8 @@ def demand(
 
 def drag_rate(i: int, aim: axis.Aimed, eta_dot: Vector, idle: Flags) -> float:
     """Return the rate at which the drag is compensated: that of the reference as far as d̂ is reduced."""
-    desired, gains = aim
-    return eta_dot[i] if idle[i] else eta_dot[i] - (1.0 - gains.d_share) * (eta_dot[i] - desired.x_d_dot)
+    desired, left = aim
+    return eta_dot[i] if idle[i] else eta_dot[i] - (1.0 - left.d_share) * (eta_dot[i] - desired.x_d_dot)
 
 
 def caught_up(
