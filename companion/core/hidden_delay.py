@@ -98,7 +98,7 @@ def step(
     gain: float,
     lag_s: float,
     sample: Sample,
-    known_s: float = 0.0,
+    known_s: float,
 ) -> HiddenDelayState:
     """Go on by a step, whose time is above zero, to what was measured at its end.
 

@@ -37,7 +37,9 @@ def found(hidden_s, seconds=60.0, force_n=5.0, noise_m=0.0005, inertia=1.0, drag
         seen, before = np.array(past[-1 - late]), np.array(past[-2 - late])
         brought_up = seen + (seen - before) * per_tick / DT_S * state.hidden_s  # as the estimator does
         measured = brought_up + noise_m * rng.standard_normal(2)
-        state = step(PARAMETERS, state, Push(u, M, DRAG, DT_S, u), 1.0, LAG_S, Sample(*measured.tolist()))
+        state = step(
+            PARAMETERS, state, Push(u, M, DRAG, DT_S, u), 1.0, LAG_S, Sample(*measured.tolist()), 0.0
+        )
     return state.hidden_s
 
 
@@ -67,6 +69,7 @@ def test_what_was_not_measured_teaches_nothing():
             1.0,
             LAG_S,
             Sample(math.nan, math.nan),
+            0.0,
         )
     assert state.hidden_s == 0.03
 
