@@ -11,13 +11,11 @@ from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf import FrameTransform_pb2, LocationFix_pb2, Log_pb2, PoseInFrame_pb2
 from google.protobuf.timestamp_pb2 import Timestamp
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.schemas import Event, State
-from dashboard.recording.mcap_file import Reader
+from dashboard.recording.mcap_file import Reader, Recording
 from holdfast import RefusedError
 
 WORLD, VEHICLE = "odom", "base_link"
@@ -41,25 +39,27 @@ def convert(recording: Path, out: Path, origin: tuple[float, float] | None) -> i
     `origin` is that of x and y, in degrees; without it there is no /location. Raises RefusedError for a
     recording that is cut or has no state.
     """
-    reader = Reader(recording)
-    added = [message for item in reader for message in in_space(item.key, item.payload, item.log_ns, origin)]
-    if not reader.whole:
-        raise RefusedError(f"{recording} is cut: `holdfast record --repair` makes a whole one of it")
-    if not any(one.topic == "/pose" for one in added):
-        raise RefusedError(f"{recording}: no dive in it, for there is no state")
-    with recording.open("rb") as source, out.open("xb") as file:
-        writer = Writer(file)
-        writer.start()
-        _copy(source, writer)
-        channels: dict[str, int] = {}
-        for topic, message, at_ns in added:
-            if topic not in channels:
-                channels[topic] = writer.register_channel(
-                    topic, "protobuf", register_schema(writer, type(message))
-                )
-            writer.add_message(channels[topic], at_ns, message.SerializeToString(), at_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return len(added)
+    reader, copy = Reader(recording), Recording(out)
+    channels: dict[str, int] = {}
+    added = 0
+    try:
+        for item in reader:
+            copy.add(item)
+            for topic, message, at_ns in in_space(item.key, item.payload, item.log_ns, origin):
+                if topic not in channels:
+                    schema = register_schema(copy.writer, type(message))
+                    channels[topic] = copy.writer.register_channel(topic, "protobuf", schema)
+                copy.writer.add_message(channels[topic], at_ns, message.SerializeToString(), at_ns)
+                added += 1
+        if not reader.whole:
+            raise RefusedError(f"{recording} is cut: `holdfast record --repair` makes a whole one of it")
+        if "/pose" not in channels:
+            raise RefusedError(f"{recording}: no dive in it, for there is no state")
+        copy.close()
+    except BaseException:
+        copy.give_up()
+        raise
+    return added
 
 
 def in_space(key: str, payload: bytes, at_ns: int, origin: tuple[float, float] | None) -> Iterator[InSpace]:
@@ -87,15 +87,6 @@ def in_space(key: str, payload: bytes, at_ns: int, origin: tuple[float, float] |
             longitude = origin[1] + math.degrees(record.y_m / EARTH_M / math.cos(math.radians(origin[0])))
             where: Any = {"latitude": latitude, "longitude": longitude, "altitude": -record.depth_m}
             yield InSpace("/location", LocationFix_pb2.LocationFix(timestamp=stamp, **where), at_ns)
-
-
-def _copy(source: Any, writer: Writer) -> None:
-    channels: dict[int, int] = {}
-    for schema, channel, message in make_reader(source).iter_messages():
-        if channel.id not in channels:
-            kind = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
-            channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kind)
-        writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
 
 
 def _place(x_m: float, y_m: float, depth_m: float) -> Any:

@@ -89,8 +89,8 @@ class Recording:
         self._reserved = reserved
         self._file = path.open("xb")
         self._safe = 0  # bytes that are on the disk, once there are samples among them
-        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION])
-        self._writer.start(profile="", library="holdfast")
+        self.writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=CompressionType[COMPRESSION])
+        self.writer.start(profile="", library="holdfast")
         self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
 
@@ -110,15 +110,15 @@ class Recording:
             raise ValueError("too large")
         channel = self._channels.get((item.key, item.encoding)) or self._channel(item)
         self.messages += 1
-        self._writer.add_message(channel, item.log_ns, item.payload, item.publish_ns, self.messages)
+        self.writer.add_message(channel, item.log_ns, item.payload, item.publish_ns, self.messages)
 
     def describe(self, name: str, table: Mapping[str, str]) -> None:
         """Write a table about the recording."""
-        self._writer.add_metadata(name, dict(table))
+        self.writer.add_metadata(name, dict(table))
 
     def sync(self) -> None:
         """Close the chunk and put it on the disk, if the file is still there."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self.writer.flush()  # type: ignore[no-untyped-call]
         os.fdatasync(self._file.fileno())
         if not os.fstat(self._file.fileno()).st_nlink:
             raise FileNotFoundError(errno.ENOENT, "somebody deleted it", str(self.path))
@@ -126,7 +126,7 @@ class Recording:
 
     def close(self) -> None:
         """Write summary and index, and close."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.writer.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fdatasync(self._file.fileno())
         self._file.close()
@@ -149,9 +149,9 @@ class Recording:
         number = 0
         if schema := schema_of(item.encoding):
             name, text = schema
-            number = self._schemas.get(name) or self._writer.register_schema(name, "jsonschema", text)
+            number = self._schemas.get(name) or self.writer.register_schema(name, "jsonschema", text)
             self._schemas[name] = number
-        channel = self._writer.register_channel(item.key, encoding, number, {"zenoh": item.encoding})
+        channel = self.writer.register_channel(item.key, encoding, number, {"zenoh": item.encoding})
         self._channels[item.key, item.encoding] = channel
         return channel
 
