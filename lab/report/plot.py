@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from lab import style
 from lab.report.figures import AXES, Phase, error
-from lab.report.log import GAP_S, Array, Log, between
+from lab.report.log import GAP_S, Log
 
 WIDTH_IN, AXIS_IN, MAP_IN, DPI = 12.8, 2.3, 5.0, 130
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.SKY)
@@ -22,27 +22,25 @@ def draw(dives: Mapping[str, tuple[Log, Phase]]) -> Figure:
     """Draw a phase of each dive, a row for each axis that was held (value, error, force), and the map."""
     held = {dof for _, phase in dives.values() for dof in phase.held} or {"z", "psi"}
     axes = [dof for dof in AXES if dof in held]
-    (first, _), *others = dives.values()
-    known = np.isfinite(first.keys["state"]["x_m"] + first.keys["state"]["y_m"])
-    mapped = not others and int(known.sum()) > 1
+    mapped = any(np.isfinite(log.keys["state"]["x_m"]).sum() > 1 for log, _ in dives.values())
     rows: list[Any] = [[f"{dof} {what}" for what in "vef"] for dof in axes] + [["map"] * 3] * mapped
     heights = [AXIS_IN] * len(axes) + [MAP_IN] * mapped
     with rc_context({"agg.path.chunksize": 20_000}):
         figure = Figure(figsize=(WIDTH_IN, 0.5 + sum(heights)), dpi=DPI, layout="constrained")
         panels = figure.subplot_mosaic(rows, height_ratios=heights)
-    for dof in axes:
-        for (name, (log, phase)), colour in zip(dives.items(), cycle(COLOURS), strict=False):
-            label = f"{phase.mode} ({name})" if others else "measured"
+    for (name, (log, phase)), colour in zip(dives.items(), cycle(COLOURS), strict=False):
+        label = f"{phase.mode} ({name})" if len(dives) > 1 else "measured"
+        for dof in axes:
             _axis([panels[f"{dof} {what}"] for what in "vef"], log, phase, dof, label, colour)
+        if mapped:
+            draw_map(panels["map"], log, phase, colour)
+    for dof in axes:
         errors = np.concatenate([np.abs(line.get_ydata()) for line in panels[f"{dof} e"].get_lines()])
         limit = max(3.0 * float(np.nanpercentile(errors, 90.0)), 1e-3)  # a step does not flatten the rest
         panels[f"{dof} e"].set_ylim(-limit, limit)
-        for what in "" if others else "vf":
-            _legend(panels[f"{dof} {what}"])
-    if others:
-        figure.legend(*panels[f"{axes[0]} v"].get_legend_handles_labels(), loc="outside upper left", ncols=4)
-    if mapped:
-        draw_map(panels["map"], first)
+    told = [panels[f"{axes[0]} {what}"].get_legend_handles_labels() for what in "vf"]
+    lines = {label: line for handles, labels in told for line, label in zip(handles, labels, strict=True)}
+    figure.legend(lines.values(), lines, loc="outside upper left", ncols=5, frameon=False)
     for panel in panels.values():
         style.plain(panel)
     for what in "vef":
@@ -52,20 +50,17 @@ def draw(dives: Mapping[str, tuple[Log, Phase]]) -> Figure:
 
 def _axis(panels: list[Axes], log: Log, phase: Phase, dof: str, label: str, colour: str) -> None:
     """Draw one degree of freedom; force and disturbance only where Holdfast steered."""
-    value, apart, force = panels
-    axis, name = AXES[dof], AXES[dof].name.capitalize()
-    state, law = (between(log.keys[key], phase.begin_s, phase.end_s) for key in ("state", f"dof/{dof}"))
-    by_us = phase.mode == "Holdfast"
-    at_s, error_now = error(log, dof, phase.begin_s, phase.end_s, engaged=by_us)
-    if by_us:
+    (value, apart, force), axis, name = panels, AXES[dof], AXES[dof].name.capitalize()
+    state, law = (phase.part(log.keys[key]) for key in ("state", f"dof/{dof}"))
+    at_s, error_now = error(log, dof, phase)
+    if phase.by_us:
         error_now = np.where(log.engaged(at_s), error_now, np.nan)
     at_s = at_s - phase.begin_s
     scale, unit = (axis.scale, axis.unit) if dof == "psi" else (1.0, "m")
     measured = scale * (np.unwrap(np.nan_to_num(state[axis.value])) if dof == "psi" else state[axis.value])
     value.plot(at_s, measured, color=colour, linewidth=1.6, label=label)
-    if by_us:
-        desired = measured - error_now * scale / axis.scale
-        value.plot(at_s, desired, "k:", linewidth=1.2, label="desired")
+    if phase.by_us:
+        value.plot(at_s, measured - error_now * scale / axis.scale, "k:", linewidth=1.2, label="desired")
     if dof == "z" and not value.yaxis_inverted():
         value.invert_yaxis()
     style.name(value, name, f"{axis.name} ({unit})")
@@ -82,26 +77,16 @@ def _axis(panels: list[Axes], log: Log, phase: Phase, dof: str, label: str, colo
     style.name(force, "Moment" if dof == "psi" else "Force", f"{axis.name} ({axis.force_unit})")
 
 
-def draw_map(panel: Axes, log: Log) -> None:
-    """Draw where the dive was, and where it should have been; north up."""
-    state = log.keys["state"]
-    gap = np.diff(state["at_s"], append=state["at_s"][-1]) > GAP_S
-    on = log.engaged(state["at_s"])
-
-    def between_gaps(column: str, shown: np.ndarray) -> Array:
-        return np.where(shown & ~gap, state[column], np.nan)
-
-    wanted = between_gaps("y_desired_m", on), between_gaps("x_desired_m", on)
-    panel.plot(*wanted, color=style.ORANGE, linewidth=1.4, linestyle="--", label="reference")
-    trail = between_gaps("y_m", ~gap), between_gaps("x_m", ~gap)
-    panel.plot(*trail, color=style.BLUE, linewidth=1.2, label="estimate")
+def draw_map(panel: Axes, log: Log, phase: Phase, colour: str) -> None:
+    """Draw where the dive was, and dotted where it should have been; north up, nothing in a gap."""
+    state = phase.part(log.keys["state"])
+    known = np.diff(state["at_s"], append=state["at_s"][-1:]) < GAP_S
+    for which, shown, line, of in (
+        ("m", known, "-", colour),
+        ("desired_m", known & log.engaged(state["at_s"]), ":", style.BLACK),
+    ):
+        east, north = (np.where(shown, state[f"{axis}_{which}"], np.nan) for axis in "yx")
+        panel.plot(east, north, line, color=of, linewidth=1.2)
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel("east (m)", fontsize=style.SMALL)
     style.name(panel, "From above", "north (m)")
-    _legend(panel)
-
-
-def _legend(panel: Axes) -> None:
-    """Put the legend beside the title, where no line can be."""
-    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "borderaxespad": 0.0}
-    panel.legend(ncols=8, frameon=False, fontsize=style.SMALL, columnspacing=1.2, **place)

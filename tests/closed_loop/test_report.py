@@ -28,7 +28,7 @@ from holdfast import RefusedError
 from lab.foxglove import in_space
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report.figures import phases
-from lab.report.log import Log, between, load
+from lab.report.log import Log, load
 from lab.report.report import main
 from lab.tables import write_table
 from sim_bridge.sim_config import load_config as load_plant
@@ -102,15 +102,16 @@ def test_the_figures_are_those_of_the_samples(log: Log) -> None:
     assert list(phase.held) == ["z", "psi"]
     depth = phase.held["z"]
 
-    state = between(log.keys["state"], phase.begin_s + 3.0, phase.end_s)
+    held = phase._replace(begin_s=phase.begin_s + 3.0)
+    state = held.part(log.keys["state"])
     apart = 1e3 * (state["depth_m"] - state["depth_desired_m"])
-    law = between(log.keys["dof/z"], phase.begin_s + 3.0, phase.end_s)
+    law = held.part(log.keys["dof/z"])
     resting = apart[np.abs(law["x_d_dot"]) <= 0.005]
     assert depth["RMS"] == pytest.approx(np.sqrt(np.mean(resting**2)))
     assert depth["peak"] == pytest.approx(np.abs(resting).max())
     assert 1.0 < depth["SD"] <= depth["RMS"] < depth["95 % within"] < depth["peak"] < 40.0
     assert depth["moving, RMS"] > depth["RMS"]
-    command = between(log.keys["command"], phase.begin_s, phase.end_s)
+    command = phase.part(log.keys["command"])
     assert depth["thrust, RMS"] == pytest.approx(np.sqrt(np.mean(command["heave_delivered_n"] ** 2)))
 
 
