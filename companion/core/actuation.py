@@ -34,7 +34,7 @@ class Actuation(NamedTuple):
 
     thrusters: Thrusters
     levels: bool
-    """Whether roll and pitch are ours."""
+    """Whether Holdfast controls roll and pitch."""
     roll: Levelling
     pitch: Levelling
     tilt_limit: TiltLimit
@@ -64,7 +64,7 @@ class ActuationMemory(NamedTuple):
     shortfall: ByAxis
     """Axis by axis, whether more was asked than the thrusters can give."""
     command: Axes
-    """What the vehicle made of the last command."""
+    """The last command, as the vehicle applies it."""
     pilots: Axes
     """The pilot's part of it."""
     delivered: Vector

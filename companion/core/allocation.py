@@ -264,7 +264,7 @@ def delivered(thrusters: Thrusters, axes: Axes, voltage_v: float) -> Axes:
 
 
 def motors(thrusters: Thrusters, axes: Axes) -> Motors:
-    """Return the demand on each motor that the firmware makes of the axes."""
+    """Return the demand on each motor, as the firmware computes it from the axes."""
     across = _by_motor(thrusters.horizontal.factors, (axes[0], axes[1], axes[3]))
     return across + _by_motor(thrusters.vertical.factors, (axes[2], axes[4], axes[5]))
 

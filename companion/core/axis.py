@@ -47,12 +47,12 @@ class AxisMemory(NamedTuple):
     mean_d: float
     d_hat: float
     d_share: float
-    """What d̂ was scaled by in the last tick."""
+    """Factor on d̂ in the last tick."""
     asked: float
     """τ of the last tick, whether or not it was engaged."""
     bias: float
     seeds: bool
-    """The compensator is another one now, and knows nothing: it takes `d_hat` over."""
+    """The compensator is a new one that has learnt nothing: it begins with `d_hat`."""
 
 
 class Orders(NamedTuple):
@@ -75,7 +75,7 @@ class Place(NamedTuple):
 
     motion: Estimates
     gain: Vector
-    """Force per command over inertia that the law takes it for, relative to the nominal vehicle."""
+    """Force per command over inertia that the law assumes, relative to the nominal vehicle."""
     m: Vector
     k_plus_h: Vector
     orders: Orders

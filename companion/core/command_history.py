@@ -7,12 +7,12 @@ from companion.core.four import each_of_two
 from companion.records import ZERO, Vector
 
 KEPT_S = 1.5
-"""How long a command is kept: a loop that is as late is not steered."""
+"""How long a command is kept: a loop that is later than this is not controlled."""
 
 LONG_AGO_S = -1e6
 
 SLOW_S = 0.1
-"""What answers a disturbance is low-passed by this: a wave is slower, a limit cycle quicker."""
+"""Low-pass of the thrust that answers a disturbance: a wave is slower, a limit cycle quicker."""
 
 
 class SentCommand(NamedTuple):

@@ -27,7 +27,7 @@ STILL = Orders(
     watched=False,
     pace=(1.0,) * 4,
 )
-"""Nothing is held, learnt or watched."""
+"""No degree of freedom is held, learnt or watched."""
 
 
 class Control(NamedTuple):

@@ -39,7 +39,7 @@ from companion.core.vehicle_model import KNOWN_DRAG, KNOWN_GAIN, MEMORY_S, START
 
 SPREAD_MEMORY_S = 10.0
 PRIOR_S = 0.02
-"""Standard deviation of what is hidden, as far as is known beforehand."""
+"""Standard deviation of the hidden delay before anything is found."""
 
 LARGEST_S = 0.04
 """As much is hidden by the autopilot's filter and by sensors that have no stamps; motors that start late look

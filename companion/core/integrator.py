@@ -29,7 +29,7 @@ class Parameters(NamedTuple):
 
 
 class State(NamedTuple):
-    """What has piled up, N or N·m."""
+    """The integral, N or N·m."""
 
     d_hat: float
 

@@ -148,7 +148,7 @@ def rested(state: LevellingState) -> LevellingState:
 
 
 def trimmed(levelling: Levelling, state: LevellingState, moment: float) -> LevellingState:
-    """Return the state whose integral asks for so much less moment, N·m."""
+    """Return the state whose integral asks for this much less moment, N·m."""
     return state._replace(integral=state.integral + moment / levelling.inertia)
 
 

@@ -30,7 +30,7 @@ from companion.core.vehicle_model import (
 from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z, vector
 
 REPORT_TICKS = 10
-"""What was found is reported every so many ticks: nothing steers by it."""
+"""What was found is reported every this many ticks: nothing steers by it."""
 
 SURE_OF_LESS = (2.5, 2.5, 3.0, 1.5)
 """So many standard deviations it takes to believe that surge, sway, heave and yaw answer less: more would be

@@ -149,7 +149,7 @@ class Estimates(NamedTuple):
     eta: Vector
     eta_dot: Vector
     ahead_s: float
-    """A command that is sent now acts so much later."""
+    """Time until a command that is sent now acts."""
     eta_ahead: Vector
     eta_dot_ahead: Vector
     disturbance: Vector

@@ -45,7 +45,7 @@ VARIANCE = 0.3
 """Variance of what the network leaves, in squares of s."""
 
 PRIOR = 10.0
-"""Variance of a weight as far as is known beforehand; P has no larger trace."""
+"""Variance of a weight before anything is learnt; P has no larger trace."""
 
 SCALE_S = 10.0
 FLOOR_S = 0.25
@@ -192,7 +192,7 @@ def learnt(parameters: Parameters, state: State, phi: list[float], rose: float) 
 
 
 def share(state: State) -> float:
-    """Return what of the prediction is used, 0..1."""
+    """Return the share of the prediction that is used, 0..1."""
     spared = 1.0 - state.error / state.constant if state.error < state.constant else 0.0
     return clamped((spared - USED_FROM) / (USED_WHOLLY - USED_FROM), 0.0, 1.0)
 

@@ -31,7 +31,7 @@ class ScheduledGains(NamedTuple):
     gains: Gains
     share: float
     d_share: float
-    """What d̂ is scaled by (`oscillation.scaled_disturbance`), and the damping term."""
+    """Factor on d̂ (`oscillation.scaled_disturbance`) and on the damping term."""
 
 
 NO_GAINS = ScheduledGains(gains=Gains(lam=0.0, kappa=0.0, tolerated_s=0.0), share=0.0, d_share=0.0)

@@ -72,7 +72,7 @@ DOUBTED = 0.6
 """A dead motor's hypothesis that leaves more than this share of what hypothesis 0 leaves is given up."""
 
 CLEARLY = 0.05
-"""One share of a motor is told from another by this part of what hypothesis 0 leaves."""
+"""Two shares of a motor differ if their residuals do by this part of that of hypothesis 0."""
 
 UNCLEAR = 0.3
 """The part for a dead motor that may be a reversed one."""
@@ -87,7 +87,7 @@ WATER_M = 0.034
 """The moment by which the water may tilt a moving vehicle (Munk's), for a newton of the horizontal motors."""
 
 OFF_CENTRE_M, EDDIES_NM = 0.025, 0.11
-"""The water may turn a vehicle by so much for a newton of the horizontal motors, and by so much without."""
+"""Moment by which the water may turn a vehicle: for a newton of the horizontal motors, and without."""
 
 MOTORS = (1, 2, 3, 4)
 """The motors of a group."""
@@ -388,7 +388,7 @@ def judged(
 
 
 def _suspect(across: TwoAxes, upright: TwoAxes, levers: Levers) -> tuple[Fault, float]:
-    """Return which motor is at fault, if any, and how clearly.
+    """Return which motor is faulty, if any, and how clearly.
 
     A horizontal motor that pushes by itself turns the vehicle, and tilts it, which looks like a fault of a
     vertical motor: while more is left in yaw than in roll and pitch, none is suspected.
@@ -409,7 +409,7 @@ def _suspect(across: TwoAxes, upright: TwoAxes, levers: Levers) -> tuple[Fault, 
 
 
 def _suspect_in_group(shown: TwoAxes, alone: bool, first_z: float, second_z: float) -> tuple[Fault, float]:
-    """Return which motor of a group, 1 to 4, is at fault, and how clearly. z stays within ± the given.
+    """Return which motor of a group, 1 to 4, is faulty, and how clearly. z stays within ± the given.
 
     Two vertical motors are each `alone`: whichever way one pushes, its demand is only its own. There the roll
     does not tell a reversed motor from a dead one, for which its demand does not matter: it is turned, and

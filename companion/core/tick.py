@@ -20,7 +20,7 @@ from companion.core.reference import Reference
 from companion.records import PSI, ZERO, Axes, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
-"""The thrusters are watched every so many ticks: it takes 70 µs, and what they turn is slow."""
+"""The thrusters are watched every this many ticks: it takes 70 µs, and the vehicle turns slowly."""
 
 
 class Parameters(NamedTuple):
@@ -83,7 +83,7 @@ def start(parameters: Parameters) -> Memory:
 
 
 def observe(parameters: Parameters, memory: Memory, inputs: Inputs) -> tuple[Memory, Known]:
-    """Bring the observers on to what was measured; go on as the motors were found."""
+    """Advance the observers to the newest measurements; use the motors as they were found."""
     observed, controlled, actuated, limits, watch, ticks = memory
     observed, motion = observers.step(parameters.observers, observed, inputs, feedback(controlled, actuated))
     known = known_of(inputs, motion, observed.learner.model, watch, parameters.observers.adapts)
@@ -249,7 +249,7 @@ def distance_m(eta: Vector, memory: ControlMemory) -> float:
 
 
 def levers(vehicle: Actuation, memory: ActuationMemory, adapts: bool) -> thruster_watch.Levers:
-    """Return how far below the centre of gravity the horizontal motors push, as levelling has it."""
+    """Return how far below the centre of gravity the horizontal motors push, as levelling found it."""
     return thruster_watch.Levers(
         levelling.lever_in_use_m(vehicle.roll, memory.roll, adapts),
         levelling.lever_doubt_m(memory.roll.lever),

@@ -38,10 +38,10 @@ FOLLOWS_M = 0.5
 """Largest distance of the reference while the horizontal force is limited; beyond it, it follows."""
 
 AHEAD_S = 0.3
-"""A tilt is looked at so long before it is there: the thrusters' lag and the way to them, twice."""
+"""A tilt is predicted by this time: twice the thrusters' lag and the way to them."""
 
 LEAST_PACE = 0.2
-"""The reference never stands still: a vehicle that hangs askew for good still comes up."""
+"""The reference never stops: a vehicle that stays tilted still comes up."""
 
 SLOW_DOWN_S, RECOVER_S = 0.5, 4.0
 """How fast the pace of a degree of freedom falls while it saturates, and comes back."""
@@ -125,7 +125,7 @@ class TiltState(NamedTuple):
 
     limit_n: float
     borne_n: float
-    """What was borne since the last alarm; infinite before the first."""
+    """The force without a tilt alarm since the last one; infinite before the first."""
     pushed_n: float
     """Mean of what was pushed over MEMORY_S."""
     alarmed: bool

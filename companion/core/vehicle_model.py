@@ -49,10 +49,10 @@ START_SPREAD = (0.002, 0.004)
 """Innovations' standard deviation to begin with: m and m/s, rad and rad/s."""
 
 DOUBTED = 4.0
-"""S counts as so many times itself: what is found may stay off by more than its doubt says."""
+"""Factor on S: the error of what is found may be larger than its doubt says."""
 
 OUTLIER = 4.0
-"""Innovations beyond so many standard deviations count as these."""
+"""Innovations beyond this many standard deviations are limited to them."""
 
 PRIOR_LOG_GAIN, PRIOR_LAG_S, PRIOR_LOG_DRAG = 0.5, 0.1, 1.0
 """Standard deviations of γ, T and log b as far as is known beforehand."""
@@ -73,7 +73,7 @@ INFORMED = 0.3
 """Information on γ over that of PRIOR_LOG_GAIN, from which on anything is learnt."""
 
 TOLERATED_LOG_GAIN, TOLERATED_LAG_S = 0.05, 0.02
-"""So far the model in use may be from what was found, beside its standard deviation."""
+"""The model in use may be this far from what was found, beside its standard deviation."""
 
 MEASURED_S, OFTEN = 0.2, 0.7
 """Nothing is learnt of data that come in less than OFTEN of the ticks of MEASURED_S."""
@@ -83,7 +83,7 @@ ROUNDING = 1e-15
 
 
 class Theta(NamedTuple):
-    """What a vehicle is taken for, or was found to be: γ and T."""
+    """The model of a vehicle that is in use, or was found: γ and T."""
 
     log_gain: float
     lag_s: float

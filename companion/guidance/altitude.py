@@ -22,10 +22,10 @@ from companion.estimation.ground import ANSWERS, MOVES_ALONG
 from companion.records import Ground
 
 APPROACH_PER_S = 0.4
-"""Share of the error of the altitude that is made good in a second."""
+"""Share of the altitude's error that is corrected in a second."""
 
 LEG_SHARE, LEG_M, RISE_LEGS = 0.5, 1.0, 2.0
-"""A leg: this share of the range, and at most so long; a rise, which is safe, is believed for so many."""
+"""A leg: this share of the range, and its largest length; a rise, which is safe, may have this many legs."""
 
 NOD_M, NOD_S, NOD_FROM = 0.1, 4.0, 0.5
 """Amplitude of the nod, several times the scatter of a range; its period, eight times what is unknown of the

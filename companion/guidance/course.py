@@ -20,11 +20,11 @@ FULL_PACE_M, NO_PACE_M = 0.15, 0.5
 """A vehicle this far from its place still gets the whole speed; this far, the path waits for it."""
 
 PRIOR_S = 10.0
-"""The time that is left is estimated by the mean speed so far, and by the plan's as if for so long before."""
+"""The remaining time comes from the mean speed, as if the plan's speed had lasted for this time before."""
 
 
 def pace(reference_pace: Vector, distance_m: float) -> float:
-    """Return the share of a path's speed that is left: what saturates, or stays behind, is slowed."""
+    """Return the share of a path's speed: less if thrust saturates or the vehicle stays behind."""
     behind = (NO_PACE_M - distance_m) / (NO_PACE_M - FULL_PACE_M)
     return min(*reference_pace, max(behind, 0.0))
 
@@ -71,7 +71,7 @@ class Course:
         self._law: TimeLaw | None = None
         self._wait_s = 0.0
         self._laps = path.laps if path is not None and path.legs[0].loops else 1.0
-        """Laps of a leg: one that loops is travelled as a single curve of so many laps."""
+        """Laps of a leg: a closed one is travelled as a single curve of this many laps."""
         self._number, self._passed_m = -1, 0.0
         """Which leg, laps included, and how long those behind it were."""
         self._whole_m = self._moved_s = 0.0
@@ -150,7 +150,7 @@ class Course:
 
     @property
     def left_s(self) -> float:
-        """How long that takes, about, at the mean speed so far."""
+        """About how long that takes at the mean speed until now."""
         left_m = self.left_m
         if math.isinf(left_m):
             return left_m

@@ -9,7 +9,7 @@ from companion.steps import Steps
 from companion.telemetry.schemas import Plan
 
 POINTS = 400
-"""About so many of a path, and the ends of its lines."""
+"""Of a path about this many points are shown, and the ends of its lines."""
 
 
 def drawing(

@@ -57,7 +57,7 @@ class Fence(NamedTuple):
         return Setpoint(vector(eta), vector(rate), vector(acc))
 
     def braked(self, eta: Vector, rate: Vector, max_acceleration: Vector) -> Vector:
-        """Return the rate of a target at `eta` so far as it still stops before the fence."""
+        """Return the rate of a target at `eta`, limited so that the target stops before the fence."""
         slowed = list(rate)
         for i, (low, high) in enumerate(self):
             if rate[i]:

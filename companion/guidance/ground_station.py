@@ -25,7 +25,7 @@ VELOCITY_LASTS_S = 1.0
 
 
 def take(events: Sequence[Event], sources: Sources, reference: Reference) -> None:
-    """Take what came of them in this tick.
+    """Take the targets that came in this tick.
 
     A place replaces the target, no further than the fence; with a velocity beside it, it moves on. A velocity
     alone moves it until VELOCITY_LASTS_S after the message. Angles are held as far as they can be.

@@ -146,7 +146,7 @@ class Guidance:
             sources.suspend()
 
     def _follow_position(self, state: VehicleState) -> Flags:
-        """Let x and y go without a position; return them when they are taken up, as something wants them."""
+        """Release x and y without a position; return them when they are held again for something."""
         sources, held, target = self.sources, self.sources.held, self.sources.target
         held.follow_position(state.t_s, positioned=self._positioned(state))
         if not (held.has_position and sources.awaits_position):

@@ -11,7 +11,7 @@ from companion.records import PSI, Flags, X, Y, Z, either, without
 
 HORIZONTAL: Flags = (True, True, False, False)
 POSITION_SETTLES_S = 0.5
-"""A position that came back is taken up after this long: the estimate has found its velocity by then."""
+"""A position that came back is used after this time: the estimate has found its velocity by then."""
 
 
 class HeldDofs:
@@ -52,7 +52,7 @@ class HeldDofs:
         self._released = either(self._released, overridden)
 
     def follow_position(self, t_s: float, *, positioned: bool) -> None:
-        """Note whether there is a position; let x and y go where there is none."""
+        """Note whether there is a position; release x and y where there is none."""
         if not positioned:
             self._unpositioned_t_s = t_s
             if self.engaged[X] or self.engaged[Y]:

@@ -9,9 +9,9 @@ from enum import Enum, auto
 from companion.telemetry.modes import Mode
 
 SETTLE_S = 1.0
-"""Neutral frames in STABILIZE last so long: the vehicle comes to rest."""
+"""Neutral frames are sent in STABILIZE for this time: the vehicle comes to rest."""
 REFUSED_S = 8.0
-"""Twice what the way takes: a ramp, the second of neutral, and two modes, each confirmed within a second."""
+"""Twice the usual time: a ramp, the second of neutral, and two modes, each confirmed within a second."""
 KEEP_ALIVE_S = 1.0
 """FS_PILOT_TIMEOUT is 3 s by default; 0.36 Hz would do."""
 AT_SURFACE_M = 0.5

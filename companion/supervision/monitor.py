@@ -42,13 +42,13 @@ INNOVATION_MEMORY_S = 0.5
 STEADY_S = 60.0
 """For this time after an interruption the next one is not reported anew."""
 RECOVERS_PER_S = 0.1
-"""What a second with full authority takes off what was lost."""
+"""A second with full authority reduces the lost authority by this."""
 RECOVERS_S = 5.0
-"""After a motor was found dead or reversed the vehicle may be off track so long: it is turned back."""
+"""After a motor was found dead or reversed the vehicle may be off track for this time: it is turned back."""
 UNSATURATED_COUNTS = 0.5
 """Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
 DEPTH_HELD_M = 0.3
-"""A vehicle that is tilted and holds its depth so well is better off with us: ALT_HOLD would let it sink."""
+"""A tilted vehicle whose depth error is below this is not handed over: ALT_HOLD would let it sink."""
 OTHER_S = 3.0
 """A Holdfast heard within this time of our first contact was there before us. After this time without a frame
 it has left. One that came after us gives way within this time."""

@@ -20,7 +20,7 @@ CLOCK_DOUBT_S = 2.0
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
 SAMPLE_S = 0.1
-"""Between two values of the slowest source of depth: a silence of the link looks longer by so much."""
+"""Between two values of the slowest source of depth: a silence of the link looks longer by this."""
 MOST_LOST = 0.8
 """What interruptions may take of the authority, times `link_timeout_s`: one that ends in time always fits."""
 
@@ -40,7 +40,7 @@ class Rule(NamedTuple):
 def _bound_s(
     now: Situation, limits: SupervisorLimits, timeout_s: float, allowed_s: float = SAMPLE_S
 ) -> float:
-    """Return from what age of a signal on we give up, whose timeout is given.
+    """Return the age at which a signal ends control; its timeout is given.
 
     While ACTIVE it is `link_timeout_s`: until then it is INTERRUPTED.
     """

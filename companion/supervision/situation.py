@@ -41,7 +41,7 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True):
     finite: bool = True
     """Whether all that the last tick computed was finite."""
     misses_motor: bool = False
-    """Whether the others cannot do the work of a motor that gives no thrust."""
+    """Whether the other motors cannot replace one that gives no thrust."""
     full_override: bool = False
     """Whether the pilot overrides all axes, by stick or button on the ground station's link."""
     details: Details = NO_DETAILS
@@ -74,7 +74,7 @@ class Watched(msgspec.Struct, kw_only=True):
     listened: bool = True
     """Whether our contact has lasted long enough for another Holdfast to be heard."""
     lost_s: float = 0.0
-    """What interruptions took of the authority of late, in seconds of full authority."""
+    """Authority that interruptions took recently, in seconds of full authority."""
     interruption: str = ""
     """The last one, in words."""
     unsteady: bool = False
