@@ -44,7 +44,7 @@ def rov_law(
 
 
 class Motion(NamedTuple):
-    """What a law of one's own sees: one degree of freedom where the next command acts, NED, SI units.
+    """What a user's law gets: one degree of freedom where the next command acts, NED, SI units.
 
     `e`, `e_dot` are measured − desired; `m` and `k_plus_h` are the nominal model's; `d_hat` is what the axis'
     compensators estimate; `gains` are reduced for delay and oscillation already, by powers of
@@ -66,7 +66,7 @@ class Motion(NamedTuple):
 
 
 def law_with(motion: Motion, d_hat: float) -> float:
-    """Return τ of `rov_law` for a motion, with a d̂ of one's own."""
+    """Return τ of `rov_law` for a motion, with another d̂."""
     at, gains = motion, motion.gains
     return rov_law(at.k_plus_h, d_hat, at.m, at.x_d_ddot, at.e_dot, at.eps, gains.lam, gains.kappa)
 

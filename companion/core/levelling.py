@@ -63,7 +63,7 @@ MOST_LEVER_M = 0.2
 
 
 class Levelling(NamedTuple):
-    """What is believed of roll or of pitch."""
+    """The model of roll or of pitch."""
 
     inertia: float
     """I, kg m²."""
@@ -93,7 +93,7 @@ class Response(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """What roll or pitch is to answer."""
+    """What levelling of roll or pitch has to counter."""
 
     angle: float
     rate: float
@@ -139,7 +139,7 @@ class LevellingState(NamedTuple):
 
 NO_LEVER = Lever(lever_m=0.0, moment=0.0, force=0.0, ones=0.0, f=0.0, ff=0.0, m=0.0, mf=0.0)
 START = LevellingState(0.0, math.nan, oscillation.START, 0.0, NO_LEVER)
-"""No integral, no rate of change known, nothing pushed, nothing found."""
+"""Nothing is known: no integral, no rate of change, no push, no lever."""
 
 
 def rested(state: LevellingState) -> LevellingState:
@@ -160,7 +160,7 @@ def levelling_of(
     lag_s: float,
     munk_m: float = 0.0,
 ) -> Levelling:
-    """Return what `level` needs for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
+    """Return the parameters of `level` for roll or pitch of a vehicle whose thrusters lag by `lag_s`."""
     limits = oscillation.Parameters(
         max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm, LEAST_SHARE, math.inf
     )
@@ -168,7 +168,7 @@ def levelling_of(
 
 
 NO_LEVELLING = levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
-"""What stands where roll and pitch are not ours."""
+"""In place of levelling where the autopilot controls roll and pitch."""
 
 
 def level(

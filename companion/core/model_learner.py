@@ -33,7 +33,7 @@ REPORT_TICKS = 10
 """What was found is reported every this many ticks: nothing steers by it."""
 
 SURE_OF_LESS = (2.5, 2.5, 3.0, 1.5)
-"""So many standard deviations it takes to believe that surge, sway, heave and yaw answer less: more would be
+"""Standard deviations from which on surge, sway, heave and yaw count as answering less: more would be
 asked of them. Waves look like a vehicle that answers less, in heave by a quarter (decision 49)."""
 
 NEAR_LOG_GAIN, NEAR_LAG_S = 0.02, 0.002
@@ -104,7 +104,7 @@ def start(tables: Four[Tables], lag_s: float) -> LearnerMemory:
 
 
 def place_forgotten(memory: LearnerMemory, lag_s: float) -> LearnerMemory:
-    """Take surge and sway for the nominal vehicle's again, whose thrusters lag by `lag_s`."""
+    """Use the nominal vehicle's surge and sway again, whose thrusters lag by `lag_s`."""
     nominal = Theta(0.0, lag_s)
     nothing = Found(nominal, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _, _, heave, yaw = memory.found
@@ -203,7 +203,7 @@ def learnt(
 def _seen(
     here: ObserverParameters, found: Theta, state: ModelState, shown: Shown, angular: bool
 ) -> tuple[ModelState, Evidence]:
-    """Return what an observer of the vehicle that was found sees."""
+    """Return the input of an observer of the vehicle that was found."""
     state = _begun(state, shown.begins)
     if not shown.push.dt_s > 0.0:
         return state, NO_EVIDENCE

@@ -182,7 +182,7 @@ def rates(state: ObserverState, push: Push, gain: float) -> tuple[float, float]:
 
 
 def at_intervals(parameters: ByInterval, of_position: float, of_rate: float) -> ObserverParameters:
-    """Return the parameters for a position and a rate that were last measured so many ticks ago."""
+    """Return the parameters for a position and a rate by the number of ticks since each was measured."""
     every_tick = parameters[0]
     if of_position <= 1.0 and of_rate <= 1.0:
         return every_tick

@@ -74,7 +74,7 @@ class Feedback(NamedTuple):
     """What the controller makes of d, and how its references move where the command acts."""
 
     d_share: Vector
-    """What d̂ is scaled by: the d of the prediction is scaled by the same."""
+    """Factor on d̂; the d of the prediction has the same."""
     rates: Vector
     accelerations: Vector
     saturated: Flags
@@ -191,7 +191,7 @@ NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan), begins=ma
 
 
 def start(observers: Observers) -> ObserversMemory:
-    """Know nothing of motion and vehicle, and have sent nothing."""
+    """Begin: motion and vehicle are unknown, nothing was sent."""
     hidden = hidden_delay.start(0.0, observers.hidden_s)
     return ObserversMemory(
         dofs=each(_unknown, each(predictor.start, observers.predictors)),
@@ -495,10 +495,10 @@ def retuned(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
 
 
 def forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
-    """Take the vehicle for the nominal one again."""
+    """Use the nominal vehicle again."""
     return memory._replace(learner=model_learner.start(observers.tables, observers.lag_s))
 
 
 def place_forgotten(observers: Observers, memory: ObserversMemory) -> ObserversMemory:
-    """Take surge and sway for the nominal vehicle's again: with a wrong heading they were found wrong."""
+    """Use the nominal vehicle's surge and sway again: with a wrong heading they were found wrong."""
     return memory._replace(learner=model_learner.place_forgotten(memory.learner, observers.lag_s))

@@ -27,26 +27,26 @@ LEVELLING_SHARE = 0.06
 HIGH_PASS_S = 0.15
 MEMORY_S = 0.2
 TRANSIENT_S, AGAIN_S = 1.1, 0.4
-"""It lasts longer than any transient: the first time, and where one has just been."""
+"""A limit cycle lasts this long, longer than any transient: the first time, and soon after another."""
 
 SWINGS = 2
-"""So often the fast demand has changed its sign by then: an approach or a wave changes it seldom."""
+"""Changes of sign of the fast demand by then: an approach or a wave has fewer."""
 
 VIOLENT = 12.0
 """Times the limit's mean square: more is no transient. Its time counts share / VIOLENT times, and it
 needs no second cycle."""
 
 QUICK_S, QUICK_SWINGS, QUICK_LEAVES = 0.12, 3, 0.35
-"""So many swings in a row, each shorter than QUICK_S and beyond the limit, are a cycle: in seas, currents and
-turns three in a row reach 0.6 of it. Such a cycle doubles with each swing: this share of the gains is left at
-once."""
+"""This many swings in a row, each shorter than QUICK_S and beyond the limit, are a cycle: in seas, currents
+and turns three in a row reach 0.6 of it. Such a cycle doubles with each swing: the gains fall to this share
+at once."""
 
 SHRINK_S = 0.3
 RECOVER_S = 10.0
 LEAST = 0.1
 CONFIRMED_S = 12.0
-"""A cycle that begins so soon after another confirms it, while the gains come back or just after: an approach
-or a load rings once."""
+"""A cycle that begins within this time of another, while the gains return or just after, confirms it: an
+approach or a load rings once."""
 
 RELAPSE_SHARE = 0.7
 """Share of the scale at which a confirmed limit cycle began, to which the gains return within RECOVER_S."""
@@ -72,7 +72,7 @@ class Parameters(NamedTuple):
 
 
 class Swings(NamedTuple):
-    """What is left of the gains (LEAST..1), and what it is judged by."""
+    """The share of the gains (LEAST..1), and the signals that decide it."""
 
     gain_scale: float
     ceiling: float
@@ -86,17 +86,17 @@ class Swings(NamedTuple):
     fast: float
     """The rest, of the last tick."""
     swings: int
-    """How often it changed its sign while it exceeded the limit."""
+    """Number of changes of its sign while it exceeded the limit."""
     swing_s: float
     """How long ago it changed its sign."""
     peak: float
     """Its largest magnitude since."""
     quick: int
-    """So many swings in a row before that were quick and beyond the limit."""
+    """Number of swings in a row before that were quick and beyond the limit."""
 
 
 START = Swings(1.0, 1.0, math.nan, 0.0, 0.0, math.inf, 0.0, 0, 0.0, 0.0, 0)
-"""Full gains, and nothing seen yet."""
+"""Full gains, before any demand."""
 
 
 def watch(parameters: Parameters, state: Swings, tau: float, dt_s: float, full: bool = True) -> Swings:

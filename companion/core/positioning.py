@@ -106,6 +106,6 @@ def coriolis_and_damping(model: Model, J: Jacobian, nu: Vector) -> Vector:
 
 
 def by_dof(by_axis: Flags) -> Flags:
-    """Surge and sway turn into x and y: what either lacks, both lack."""
+    """Return flags of surge, sway, heave and yaw for x, y, z, psi: x and y have those of either."""
     horizontal = by_axis[0] or by_axis[1]
     return (horizontal, horizontal, by_axis[2], by_axis[3])

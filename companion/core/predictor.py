@@ -110,7 +110,7 @@ class State(NamedTuple):
 
 
 def start(parameters: Parameters) -> State:
-    """Return one that has learnt nothing."""
+    """Return a network that has learnt nothing."""
     units = len(parameters.V)
     return State(
         past=[Moment(0.0, 0.0, 0.0, 0.0) for _ in range(0)],  # numba wants to know of what

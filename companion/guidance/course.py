@@ -87,7 +87,7 @@ class Course:
 
     @classmethod
     def none(cls, limits: PathLimits) -> Self:
-        """Return what stands where no course is under way: one that is over."""
+        """Return the course in place of none: one that is over."""
         course = cls(limits, 1.0, 1.0)
         course.done = True
         return course

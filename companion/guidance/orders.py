@@ -38,7 +38,7 @@ def ordering(command: Payload, config: Config) -> Steps[Order | None]:
 
 
 def place(order: Goto) -> Vector:
-    """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is at all."""
+    """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is said at all."""
     keys = ("x_m", "y_m", "depth_m", "heading_deg", "altitude_m", "roll_deg", "pitch_deg")
     given = (order.x_m, order.y_m, order.depth_m, order.heading_deg)
     if not named(order).keys() & set(keys):
@@ -58,7 +58,7 @@ def number_of(value: float | msgspec.UnsetType) -> float:
 
 
 def place_words(eta: Vector, altitude_m: float = math.nan, held: Angles = LEVEL) -> str:
-    """Return in words to go to a place, NaN where nothing is said; empty where nothing is at all."""
+    """Return the words for a move to a place, NaN where nothing is said; empty if all are NaN."""
     x, y, z, psi = eta
     roll, pitch = (math.degrees(angle) or math.nan for angle in held)
     places = {"x_m": x, "y_m": y, "depth_m": z, "heading_deg": math.degrees(psi) % 360.0}

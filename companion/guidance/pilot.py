@@ -64,7 +64,7 @@ NO_DEMAND = PilotDemand()
 
 
 class PilotControl:
-    """Turns the pilot's frames into demands, one tick after the other."""
+    """Turns the pilot's frames into demands, tick by tick."""
 
     def __init__(self, config: Config) -> None:
         ground = config.ground_station

@@ -13,7 +13,7 @@ class ReferenceHistory:
         self._references: deque[tuple[float, Vector]] = deque()
 
     def clear(self) -> None:
-        """Begin afresh."""
+        """Forget all references."""
         self._references.clear()
 
     def step(self, ahead: Vector, t_s: float, ahead_s: float) -> Vector:

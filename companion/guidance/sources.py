@@ -46,7 +46,7 @@ class Sources:
         """Number of the course; each new one increases it by one."""
         self.frame = Frame()
         self.here = ZERO
-        """Where the vehicle was last, inside."""
+        """The vehicle's last place, limited to the fence."""
         self._origin_deg: tuple[float, float] | None = None
 
     def standing(self, reference: Reference) -> Vector:
@@ -90,7 +90,7 @@ class Sources:
             self.altitude = None
 
     def begin(self, course: Course, asked: Vector) -> None:
-        """Follow a course; `asked` is what is left of the setpoint."""
+        """Follow a course; `asked` is the rest of the setpoint."""
         self.course, self._number = course, self._number + 1
         self.target.asked, self.target.now = Setpoint(asked), Setpoint(self.target.now.eta_d)
 
@@ -111,7 +111,7 @@ class Sources:
             self.course = Course.none(self.bounds.limits)
 
     def hear(self, events: Sequence[Event]) -> None:
-        """Note what gives x and y another meaning: a course that has begun is not resumed then."""
+        """Note that x and y have another meaning: a course that has begun is not resumed then."""
         for event in events:
             if isinstance(event, Reboot):
                 self.course.displaced = "the autopilot was restarted meanwhile: x and y count from elsewhere"

@@ -48,7 +48,7 @@ class Target:
         self.now = _filled(self.asked, eta, offset)
 
     def translate_asked(self, engaged: Flags, offset: Offset) -> None:
-        """Say in the EKF's new frame where that lies which was asked for and is held."""
+        """Convert what was asked for, and what is held, to the EKF's new frame."""
         held = without(engaged, vector(map(math.isnan, self.asked.eta_d)))
         self.ask_places(held, offset.outside(self.now.eta_d))
 
@@ -63,7 +63,7 @@ class Target:
         self.now = Setpoint((x, y, z, wrap(psi)), faster, rise)
 
     def stop_carrying(self) -> None:
-        """Stay where it is, if it moved on."""
+        """Stop, if it moved on by its own rate."""
         if self.carries_until_s > -math.inf:
             self.carries_until_s, self.now = -math.inf, Setpoint(self.now.eta_d)
 

@@ -36,7 +36,7 @@ class Engagement:
 
     @property
     def details(self) -> Details:
-        """What there is to do about a vehicle that is disarmed, beyond arming it."""
+        """The remedy for a disarmed vehicle, beyond arming it."""
         todo = "wait: Holdfast arms it" if self._wanted else f"{ENGAGE}: that arms it too"
         return {C.DISARMED: ("", todo)} if self._arm else NO_DETAILS
 
@@ -70,7 +70,7 @@ class Engagement:
         return advised(text(held, details), first_remedy(held, details)) if held else ""
 
     def accepted(self, requests: Sequence[Request]) -> list[Request]:
-        """Return the requests that are not refused; ENGAGE waits in IDLE, as that of the start does."""
+        """Return the requests that are not refused; in IDLE an ENGAGE waits, as that of the start does."""
         kept: list[Request] = []
         for request in requests:
             waits = self._verdict.state is State.IDLE or Request.CLEAR_FAULT in kept

@@ -108,7 +108,7 @@ class Supervision:
 
 
 def _found(watched: Watched, state: VehicleState) -> Details:
-    """Return what is found of conditions now, and remedies in place of the usual ones."""
+    """Return details of conditions that were found now, and remedies in place of the usual ones."""
     found = {}
     if watched.interruption:
         found[C.INTERRUPTED_OFTEN] = (watched.interruption, "")
