@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 SHUTDOWN_REPEATS = 5  # on a link that loses one in five all are lost once in 3000
 STATUS_PERIOD_S = 5.0  # of the log
 SETTLED_S = 1.0
-"""Words that change within a state are said once they have stayed for so long."""
+"""Words that change within a state are said after they have stayed for this time."""
 PLAN_PERIOD_S = 5.0  # for who came late
 WATCHDOG_PERIOD_S = 0.5  # a quarter of WatchdogSec in systemd/holdfast.service
 NAME_PATIENCE_S = 3.0  # joining takes 1 s, asking 1 s
 RIDE_OUT_TICKS = 5  # 0.1 s at 50 Hz
 TICK_PATIENCE_S = 1.0
-"""Without a tick for so long the process ends."""
+"""Without a tick for this time the process ends."""
 
 log = logging.getLogger("holdfast")
 

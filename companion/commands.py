@@ -141,7 +141,7 @@ def run(argv: list[str]) -> int:
 
 @contextmanager
 def _refusing() -> Iterator[None]:
-    """Make what is wrong with a file or a value the one line of a command that cannot begin."""
+    """Turn an error of a file or a value into the one line of a command that cannot begin."""
     try:
         yield
     except ValueError as error:

@@ -86,7 +86,7 @@ class Guarded(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What a tick came to, for the next one and for those who ask between ticks."""
+    """The result of a tick, for the next one and for questions between ticks."""
 
     heard: Heard
     state: VehicleState
@@ -167,7 +167,7 @@ class Engine:
         return self._autopilot.displayed(self._display.step(sample, events, reports, left))
 
     def last_words(self, words: str) -> list[bytes]:
-        """Return what the pilot's ground station is to show when this process ends."""
+        """Return what the pilot's ground station shows when this process ends."""
         return self._autopilot.displayed(self._display.last_words(words))
 
     def shutdown_frames(self) -> bytes:

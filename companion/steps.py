@@ -28,7 +28,7 @@ class Task(Generic[T]):
         self._steps = steps
 
     def advance(self, cost: int) -> bool:
-        """Take steps that cost so much, or those that are left; return whether it is done."""
+        """Take steps of this cost, or all that are left; return whether it is done."""
         try:
             while cost > 0 and not self.done:
                 cost -= next(self._steps)

@@ -39,7 +39,7 @@ class Tuning:
         return memory
 
     def follow(self, noise: tuple[float, float], memory: Memory) -> Memory:
-        """Make the Kalman gains those of the noise of depth and heading, a part of them a tick."""
+        """Compute the Kalman gains for the noise of depth and heading, a part of them each tick."""
         if noise == self._noise:
             self._redesign = None
             return memory

@@ -16,36 +16,36 @@ from companion.core.bounds import wrap
 from companion.records.events import Attitude
 
 FROZEN_S, IN_A_ROW = 0.4, 5
-"""A fine signal that repeats for so long, and so often, is frozen. On two real vehicles, one of them on a
+"""A fine signal that repeats for this time, and this often, is frozen. On two real vehicles, one on a
 table, climb rate, angles and rates never came more than twice in a row (docs/ardusub.md, "Telemetry")."""
 
 FINE = 16.0
-"""A signal whose changes are usually so many times the least one is not rounded: a rounded one may rest."""
+"""A signal whose usual change is this many times the least one is not rounded: a rounded one may rest."""
 
 CHANGES = 10.0
-"""The usual change is a geometric mean over so many: it follows a motion that comes to rest."""
+"""The usual change is a geometric mean over this many changes: it follows a motion that comes to rest."""
 
 MEMORY_S, STANDING_S = 2.0, 10.0
 """How long a motion is remembered, and one during which the position stays: a small error of a rate shall not
 add up."""
 
 STANDS_STEPS = 3.0
-"""A position that stays may have moved by so many of its steps, and by `least`."""
+"""A position counts as constant if it moved by at most this many of its steps, and by `least`."""
 
 LONGEST_S, RATE_GAP_S = 1.2, 0.15
 """Between two samples of a position (with nobody asking the pressure comes at 2 Hz), and of its rate: what
 happens in a longer gap nobody knows."""
 
 PRESSED_S, PRESSED_FINE, PRESSED_STEP_M = 2.0, 4.0, 0.9e-3
-"""A pressure that repeats for so long is ArduSub's own sign of a sensor that hangs. One in coarser steps, as
-a Bar30's of 1 mm, is left to ArduSub: 28 % of its readings repeat (docs/ardusub.md, "Telemetry")."""
+"""A pressure that repeats for this time is ArduSub's own sign of a sensor that hangs. One in coarser steps,
+as a Bar30's of 1 mm, is left to ArduSub: 28 % of its readings repeat (docs/ardusub.md, "Telemetry")."""
 
 LEAST_M = 0.05
 """The noise of a climb rate adds up to 11 mm over STANDING_S (docs/ardusub.md, "Telemetry")."""
 
 USUAL_S, NOISE, MOST_NOISE = 30.0, 2.0, 3.0
-"""Over so long their usual difference is known; so many times that, and `least`, is noise. With a barometer
-of ±0.2 m the real ArduSub's depth and climb rate go opposite ways by 0.05 m."""
+"""Time of the usual difference of the two; noise is this many times it, and `least`. With a barometer of
+±0.2 m the real ArduSub's depth and climb rate go opposite ways by 0.05 m."""
 
 SHORTEST_S = 1e-9
 
@@ -80,7 +80,7 @@ class ExactRepeats:
         self.since_s, self._value, self._in_a_row = t_s, value, 1
 
     def frozen(self, now_s: float, least_s: float = FROZEN_S) -> bool:
-        """Tell whether it is a fine signal that repeats for so long."""
+        """Tell whether it is a fine signal that repeats for that time."""
         if self._in_a_row < IN_A_ROW or not now_s - self.since_s >= least_s:
             return False
         return self._least <= self._coarsest and self._log_usual >= math.log(self._fine * self._least)

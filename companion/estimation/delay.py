@@ -24,7 +24,7 @@ TELEMETRY_MEMORY_S = 1.0
 """Chosen: a mean over 50 stamps at 50 Hz."""
 
 PAUSE_S = 0.1
-"""What comes first after a longer pause was late with it: it counts for so long, and not for the pause."""
+"""The first sample after a longer pause was late with it: it counts for this time, not for the pause."""
 
 COMMANDS = 128
 """Number of the last commands that are compared with the motors: 2.5 s at 50 Hz."""

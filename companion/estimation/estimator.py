@@ -46,11 +46,11 @@ from companion.records import (
 )
 
 MAX_RESET_INNOVATION = 1.0
-"""m, rad: so much of a tick's resets counts as innovation. One is no surprise; one with every sample is."""
+"""Of a tick's resets at most this counts as innovation (m, rad). One is usual, one a sample is not."""
 
 JUMP_BELIEVED_S = 2.0
-"""A depth that jumps is ignored, so depth soon counts as stale. A jump that lasts so long, or longer than a
-short interruption may, is accepted."""
+"""A depth that jumps is ignored, so depth soon counts as stale. A jump that lasts for this time, or longer
+than a short interruption may, is accepted."""
 
 ARMING_S = 0.5
 """The autopilot sets its zero of depth within this time of arming: no reset."""

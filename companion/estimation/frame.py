@@ -33,14 +33,14 @@ RESET_M = 1.0
 """Single jumps that come to more are a reset: what is wanted stays where it lies."""
 
 RESET_LASTS_S = 10.0
-"""Jumps so soon after a reset belong to it."""
+"""Jumps within this time of a reset belong to it."""
 
 FOLLOWED_RADPS, FOLLOWED_MPS, FOLLOWED_MPS2 = 0.3, 0.3, 0.1
 """How soon and how fast the vehicle follows a fix."""
 
 STREAM_S, STREAM_GAP_S = 9.0, 60.0
 USUAL_S, FIX_RATIO = 20.0, 5.0
-"""What is usual is the RMS of so long, each jump counted with RESET_M at most."""
+"""The usual jump is the RMS over this time, each jump counted with RESET_M at most."""
 
 
 DIRECTED = (

@@ -90,7 +90,7 @@ class DesignVehicle(NamedTuple):
 
 
 def vehicle(config: Config, model: Model, dof: int, disturbance: float) -> DesignVehicle:
-    """Return a degree of freedom that expects so much `disturbance` noise."""
+    """Return a degree of freedom that expects this `disturbance` noise."""
     axis = config.axes[dof]
     noise = Noise(
         position=axis.position_noise,

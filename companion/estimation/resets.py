@@ -50,10 +50,10 @@ PRESSURE_LASTS_S = 1.2
 """A pressure that is older says nothing: with nobody asking it comes at 2 Hz."""
 
 JUDGED_AFTER_S = 0.15
-"""A pressure that was true so long after a reset of depth shows whether the vehicle moved."""
+"""A pressure that was true this long after a reset of depth shows whether the vehicle moved."""
 
 SPIKE_M, SPIKE_S = 0.5, 0.11
-"""A pressure that jumped so far, and away from the depth, or a depth that jumped, is a spike unless it lasts
+"""A pressure that jumped by this, and away from the depth, or a depth that jumped, is a spike unless it lasts
 longer than a barometer's reading, which may come in many messages."""
 
 MOST_IN_A_ROW = 8

@@ -33,7 +33,7 @@ NOISY, QUIET = 3.0, 2.0
 depth shows its steps of 1 mm: 0.5 to 1.0 mm, with 0.6 mm configured (firmware and simulator)."""
 
 NEAR, GRADE = 1.5, math.sqrt(2.0)
-"""The noise in use stays while the measured one is so near: the configured one times a power of GRADE."""
+"""The noise in use, the configured one times a power of GRADE, stays while the measured one is this near."""
 
 MOST_NOISE = 0.3
 """m, rad: an even larger noise counts as this one, so that no sensor makes the observer blind."""
@@ -58,8 +58,8 @@ START_SPREAD = 0.005
 """m, rad: standard deviation of e to begin with."""
 
 PRIOR_S, TOLERATED_S, LATEST_S = 0.03, 0.02, 0.25
-"""Standard deviation of what is believed of the delay beforehand; the one in use may be so far off what is
-found; the largest."""
+"""Standard deviation of the delay before it is found; largest difference between the delay in use and the one
+found; largest delay."""
 
 
 class SampleMeter:

@@ -32,7 +32,7 @@ DAMPING_SHARE = 0.2
 """Share of the velocity through the water that is in doubt, because the damping is."""
 
 USUAL_S, DRIFT_MPS = 120.0, 0.1
-"""A current is steady over so long, and a velocity is wrong by this at most."""
+"""Time over which a current is steady, and the largest error of a velocity."""
 
 UNKNOWN = Current(math.nan, math.nan, math.nan)
 

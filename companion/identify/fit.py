@@ -35,7 +35,7 @@ EXACT: Final = {model.DELAY: (-0.02, 0.1), model.LATER: (-0.03, 0.03), model.LEV
 """Bounds in a manoeuvre, of which Holdfast itself stamped commands and arrivals, s."""
 BLOCKS_S: Final = (5.0, 20.0, 60.0)
 MIN_BLOCKS = 8
-"""The doubt is the largest that these blocks give, where there are so many of them."""
+"""The doubt is the largest that these blocks give, where there are at least this many."""
 TRUSTED, TRUSTED_OF_MANOEUVRE = 0.25, 0.1
 """An inertia with a larger share of standard deviation is not written into the vehicle's file."""
 MAX_UNEXPLAINED: Final = 0.35

@@ -39,7 +39,7 @@ WAIT_S: Final = 120.0
 """How long it waits for the permission to engage."""
 SETTLE_S: Final = 4.0
 LEAD_S: Final = 1.0
-"""It is recorded so long before an axis moves: what acts at first was sent before."""
+"""Recording begins this long before an axis moves: what acts at first was sent before."""
 EDGE_S: Final = 3.0
 """The sweep grows and fades over this time; there are no pushes in the last of it."""
 ENDING_S: Final = 15.0

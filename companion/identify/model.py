@@ -50,11 +50,11 @@ MOVED: Final = 0.03
 """m/s or rad/s: an axis whose velocity changes by less (RMS over a window) did not move."""
 MIN_WINDOWS: Final = 5
 EVERY: Final = 3
-"""One of so many windows is fitted: they overlap, and the others add little."""
+"""One of this many windows is fitted: they overlap, and the others add little."""
 MAX_KEPT: Final = 8
 START_DELAYS_S: Final = (-0.25, 0.0)
 LEAD_S: Final = 0.6
-"""What was demanded so long before still shows: through lag, start and delay."""
+"""A demand shows for this time: through lag, start and delay."""
 
 KEYS: Final = (
     *((axis, "mass") for axis in AXES),

@@ -17,9 +17,9 @@ STEP_S: Final = 0.1
 MAX_GAP_S: Final = 0.6
 """Between two samples that are further apart nothing is known."""
 HOLDS_S: Final = 10.0
-"""A battery's voltage, and whether the speed is measured, count for so long."""
+"""A battery's voltage, and whether the speed is measured, count for this time."""
 SLOPE_STEPS: Final = 2
-"""A speed from positions is a slope over so many steps to either side."""
+"""A speed from positions is a slope over this many steps to either side."""
 MIN_LENGTH_S, MAX_LENGTH_S = 3.0, 86400.0
 ABSURD: Final = 1e4
 """No speed, angle or depth of a dive is larger."""

@@ -35,7 +35,7 @@ MOST_READ = 16
 MAX_UNSENT_BYTES = 1 << 16
 """A stream with more unsent bytes gets nothing until it has caught up: old commands are worse than none."""
 TCP_GIVE_UP_MS = 5000
-"""A TCP peer that acknowledges nothing for so long is gone: a pulled cable closes no connection."""
+"""A TCP peer that acknowledges nothing for this time is gone: a pulled cable closes no connection."""
 
 log = logging.getLogger("holdfast")
 
@@ -146,7 +146,7 @@ class MavlinkLink:
         raise failed
 
     def read(self, most: int = MOST_READ) -> None:
-        """Stamp and pass on what waits, so many pieces at most."""
+        """Stamp and pass on what waits, at most this many pieces."""
         for _ in range(most):
             if self._wire is None:
                 return

@@ -24,7 +24,7 @@ ThrustPath: TypeAlias = Literal["rc_override", "manual_control"]
 
 NS_PER_S: Final = 1_000_000_000
 READING_REPEATS_S: Final = 0.2
-"""A barometer's reading comes again so long at most: it gives ten a second, its stream more."""
+"""A barometer's reading is repeated for this time at most: it gives ten a second, its stream more."""
 NEUTRAL_US: Final = 1500
 SPAN_US: Final = 400
 LEAVE_ALONE: Final = 0xFFFF

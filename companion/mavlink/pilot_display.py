@@ -46,7 +46,7 @@ MOST, MOST_S = 8, 10.0
 REPEAT_S: Final = {"state": 0.0, "condition": 30.0, "command": 5.0}
 """The same words come again after this long at the earliest, by kind of event."""
 AWAY_S: Final = 5.0
-"""A ground station that was silent for so long is told the state again."""
+"""A ground station that was silent for this time is told the state again."""
 REFUSALS_S: Final = 1.0
 """Between two texts of why something is not done."""
 VALUES_S: Final = 0.5  # ArduSub's own rate of NAMED_VALUE_FLOAT

@@ -26,7 +26,7 @@ MAX_TIMESTAMP = (1 << 48) - 1
 LATEST = MAX_TIMESTAMP - round(10 * 365.25 * 86400 * UNITS_PER_S)
 """A time in 2094: ten years before the six bytes of a timestamp end."""
 NEW_STREAM_UNITS = 60 * UNITS_PER_S
-"""A sender not heard before may be so far behind our own timestamp."""
+"""A sender not heard before may be this far behind our own timestamp."""
 
 Stream: TypeAlias = tuple[int, int, int]
 """Link id, system, component."""

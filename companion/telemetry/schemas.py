@@ -29,7 +29,7 @@ MAX_NUMBER = 2**53
 TRUTH_ENCODING = "application/json;holdfast.sim.Truth.v1"
 CONFIG_ENCODING = "application/json;holdfast.Config.v1"
 TICKS_PER_SAMPLE = "holdfast_ticks_per_sample"
-"""Key in the metadata of a client's Zenoh configuration: it gets one tick of so many."""
+"""Key in the metadata of a client's Zenoh configuration: its number N gives every Nth tick."""
 BATCHES = {"real_time": 16, "data": 16}
 """Batches of 64 kB that may wait for each subscriber, by Zenoh's priority: its most. With its own 2, each
 sample a batch of its own (express), a busy machine lost the third and later samples of a tick."""
