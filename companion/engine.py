@@ -389,7 +389,7 @@ class Engine:
             todo = Condition.THRUSTER_REVERSED.remedy.replace("MOT_n", f"MOT_{motor}")
             details[Condition.THRUSTER_REVERSED] = (f"motor {motor}", todo)
         if not state.ages.heartbeat_s <= config.supervisor.heartbeat_timeout_s:
-            details[Condition.LINK_LOST] = self.heard.contact()
+            details[Condition.LINK_LOST] = self.heard.contact(heard.now_s)
         return details
 
     def _reach(self, state: VehicleState) -> AxisCommand:

@@ -20,6 +20,7 @@ from ipaddress import ip_address, ip_network
 from typing import NamedTuple
 
 from companion.endpoint import Endpoint
+from companion.mavlink.ardusub import NS_PER_S
 from companion.records import Sender
 from holdfast import port_taken
 
@@ -43,14 +44,14 @@ log = logging.getLogger("holdfast")
 class Admission(NamedTuple):
     """Who may become the peer of a link that listens.
 
-    `sender` says who sent a datagram; a sender that is BEHIND gets the time by `hello`. `allow` lists
-    addresses and networks; empty allows all; `barred` gets the others.
+    `sender` says who sent a datagram, by its arrival (s) and bytes; who is BEHIND gets the time by `hello`.
+    `allow` lists addresses and networks; empty allows all; `barred` gets arrival and host of the others.
     """
 
-    sender: Callable[[bytes], Sender]
+    sender: Callable[[float, bytes], Sender]
     hello: Callable[[], bytes]
     allow: Sequence[str] = ()
-    barred: Callable[[str], None] = lambda _: None
+    barred: Callable[[float, str], None] = lambda *_: None
 
     def allows(self, host: str) -> bool:
         """Tell whether an address is within `allow`."""
@@ -224,17 +225,17 @@ class MavlinkLink:
 
     def _is_from_peer(self, now_ns: int, data: bytes, address: tuple[str, int]) -> bool:
         """Tell whether a datagram is the peer's; take its sender as the peer where there is none."""
-        silent_ns = now_ns - self._peer_heard_ns
+        silent_ns, t_s = now_ns - self._peer_heard_ns, now_ns / NS_PER_S
         if address == self._peer:
-            if silent_ns > PEER_LOOK_NS and self._admission.sender(data) is Sender.EXPECTED:
+            if silent_ns > PEER_LOOK_NS and self._admission.sender(t_s, data) is Sender.EXPECTED:
                 self._peer_heard_ns = now_ns
             return True
         if self._peer is not None and silent_ns < PEER_SILENT_NS:
             return False
         if not self._admission.allows(address[0]):
-            self._admission.barred(address[0])
+            self._admission.barred(t_s, address[0])
             return False
-        sender = self._admission.sender(data)
+        sender = self._admission.sender(t_s, data)
         if sender is not Sender.EXPECTED:
             if sender is Sender.BEHIND and now_ns - self._hello_ns > HELLO_NS:
                 self._hello_ns = now_ns

@@ -114,7 +114,6 @@ class Autopilot:
 
         The parameters in `confirm` are read again at once.
         """
-        self.heard.now_s = now_s
         if self._signing is not None:
             self._signing.advance(now_s)
         asked = self._maintenance.step(now_s, events, want_mode=mode, want_armed=arm, confirm=confirm)

@@ -179,7 +179,7 @@ class Codec:
         for frame, piece in self.splitter.cut(t_s, data):
             if frame is None:
                 self.counters.garbage += not self._in_junk
-                self.heard.junk(piece)
+                self.heard.junk(t_s, piece)
             else:
                 if self.is_others(frame, piece):
                     found.others.append(frame)
@@ -187,7 +187,7 @@ class Codec:
             self._in_junk = frame is None
         return found
 
-    def sender(self, data: bytes) -> Sender:
+    def sender(self, t_s: float, data: bytes) -> Sender:
         """Tell who sent a datagram. The vehicle's begins with sound frames, one of which is its own.
 
         With `signing` that must be signed and new as well; `decode` will still find it new. Junk costs two
@@ -199,19 +199,19 @@ class Codec:
             if ours and frame.version == 2:
                 sender = Sender.EXPECTED if self._signing is None else self._signing.sender(piece)
                 if sender is not Sender.EXPECTED:
-                    self._refuse(frame, piece)
+                    self._refuse(t_s, frame, piece)
                 return sender
-            self.heard.frame(frame)
+            self.heard.frame(t_s, frame)
             if ours and self._signing is None:
                 found = Sender.BEHIND
         if frame is None:
-            self.heard.junk(data)
+            self.heard.junk(t_s, data)
         return found
 
-    def _refuse(self, frame: WireFrame, piece: bytes) -> None:
+    def _refuse(self, t_s: float, frame: WireFrame, piece: bytes) -> None:
         self.counters.refused += 1
         old = self._signing is not None and self._signing.sender(piece) is Sender.BEHIND
-        self.heard.frame(frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
+        self.heard.frame(t_s, frame, OLD if old else OTHER_KEY if piece[2] & SIGNED else UNSIGNED)
 
     def is_others(self, frame: WireFrame, piece: bytes) -> bool:
         """Tell whether a frame with our ids is another Holdfast's.
@@ -234,7 +234,7 @@ class Codec:
         rival = not from_vehicle and sender != self._source and frame.id in STEERING
         addressed = not (from_vehicle or sender in self.ours) and addresses_us(frame, self._link)
         if self._signing and (rival or from_vehicle or addressed) and not self._signing.accepts(piece):
-            self._refuse(frame, piece)
+            self._refuse(t_s, frame, piece)
             return
         if addressed:
             self.counters.messages += 1
@@ -243,7 +243,7 @@ class Codec:
         if from_vehicle and frame.id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self.heard.vehicle_signs = bool(piece[2] & SIGNED)
         elif not rival:
-            self.heard.frame(frame)
+            self.heard.frame(t_s, frame)
         if from_vehicle and self._wanted is not None and frame.id not in self._wanted:
             self.counters.messages += 1
             return

@@ -12,6 +12,7 @@ from companion.mavlink.frames import V1_MARKER, WireFrame, frame_at
 
 LATELY_S: Final = 3.0
 """Longer than the interval of heartbeats, shorter than LINK_LOST waits: a cut link is reported at once."""
+LOOK_S: Final = 0.02
 MOST: Final = 32
 """Senders that are kept."""
 EXCERPT: Final = 12
@@ -37,19 +38,18 @@ WORDS: Final = {
 
 
 class Overheard:
-    """Takes what the link cannot use. `now_s` is the time of the last tick."""
+    """Takes what the link cannot use, each with its arrival on our clock."""
 
     def __init__(self, link: LinkSection) -> None:
         self._link = link
         self._wanted = (link.vehicle_system, link.vehicle_component)
         self._seen: dict[tuple[int, tuple[int, int] | str], float] = {}
         """When something came last: what, and of which system and component, or of whom in words."""
-        self._looked_s = -1.0
-        self.now_s = 0.0
+        self._looked_s = -LOOK_S
         self.vehicle_signs = False
         """Whether the vehicle's last heartbeat was signed."""
 
-    def frame(self, frame: WireFrame, kind: int = FRAMES) -> None:
+    def frame(self, t_s: float, frame: WireFrame, kind: int = FRAMES) -> None:
         """Note a sound frame; `kind` tells what is wrong with its signature."""
         system, component = frame.system, frame.component
         if frame.version == 1:
@@ -60,30 +60,30 @@ class Overheard:
             beat = frame.message()
             other = OTHER if beat.autopilot == mavlink.MAV_AUTOPILOT_INVALID else AUTOPILOT
             kind = GROUND if beat.type == mavlink.MAV_TYPE_GCS else other
-        self._note(kind, (system, component))
+        self._note(t_s, kind, (system, component))
 
-    def junk(self, data: bytes) -> None:
-        """Note what is no MAVLink 2; the first of a tick is looked at for a frame of MAVLink 1."""
-        if self._looked_s == self.now_s:
+    def junk(self, t_s: float, data: bytes) -> None:
+        """Note what is no MAVLink 2; one in LOOK_S is looked at for a frame of MAVLink 1."""
+        if t_s - self._looked_s < LOOK_S:
             return
-        self._looked_s, at = self.now_s, data.find(V1_MARKER)
+        self._looked_s, at = t_s, data.find(V1_MARKER)
         if at >= 0 and (frame := frame_at(data, at)[1]) is not None:
-            self.frame(frame)
+            self.frame(t_s, frame)
         else:
             known = next((whom for kind, whom in self._seen if kind == JUNK), "")
-            self._note(JUNK, known or f"such as {ascii(data[:EXCERPT])[1:]}")
+            self._note(t_s, JUNK, known or f"such as {ascii(data[:EXCERPT])[1:]}")
 
-    def barred(self, host: str) -> None:
+    def barred(self, t_s: float, host: str) -> None:
         """Note a sender that is not permitted."""
-        self._note(BARRED, host)
+        self._note(t_s, BARRED, host)
 
-    def _note(self, kind: int, whom: tuple[int, int] | str) -> None:
+    def _note(self, t_s: float, kind: int, whom: tuple[int, int] | str) -> None:
         if (kind, whom) in self._seen or len(self._seen) < MOST:
-            self._seen[kind, whom] = self.now_s
+            self._seen[kind, whom] = t_s
 
-    def contact(self) -> tuple[str, str]:
+    def contact(self, now_s: float) -> tuple[str, str]:
         """Return why the heartbeat does not come, and what to do."""
-        self._seen = {key: t_s for key, t_s in self._seen.items() if self.now_s - t_s <= LATELY_S}
+        self._seen = {key: t_s for key, t_s in self._seen.items() if now_s - t_s <= LATELY_S}
         if not self._seen:
             return f"nothing arrives at {self._link.endpoint}", NOTHING
         kind, _, whom, ids = min((kind, *self._in_words(whom)) for kind, whom in self._seen)

@@ -102,7 +102,7 @@ class Relay:
         self._up_budget, self._down_budget = _Budget(), _Budget()
         return heard
 
-    def sender(self, data: bytes) -> Sender:
+    def sender(self, _: float, data: bytes) -> Sender:
         """Tell who sent a datagram. The pilot's begins with sound frames, one of which the engine would get.
 
         Where there is a key that must be signed and new as well; `to_vehicle` will still find it new.

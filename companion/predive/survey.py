@@ -131,7 +131,7 @@ class Survey:
             measured_hz=autopilot.measured_hz,
             asked_hz=autopilot.asked_hz,
             signs=autopilot.heard.vehicle_signs,
-            contact=autopilot.heard.contact(),
+            contact=autopilot.heard.contact(state.t_s),
             conditions=conditions,
             directions=directions,
             **self._seen,

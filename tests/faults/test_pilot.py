@@ -552,16 +552,16 @@ def test_the_pilots_link_is_taken_by_what_the_engine_would_heed_alone():
     foreign = autopilot.frame(mavlink.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3))
     relay = Relay(load_config(overrides=WITH_PILOT))
     for data in (beat, sticks, foreign + beat):
-        assert relay.sender(data) is Sender.EXPECTED
+        assert relay.sender(0.0, data) is Sender.EXPECTED
     for data in (b"", b"\0", b"\xfd", foreign, beat[:-1], b"\0" + beat):
-        assert relay.sender(data) is Sender.STRANGER
+        assert relay.sender(0.0, data) is Sender.STRANGER
     keyed = Relay(load_config(overrides=WITH_PILOT), Signing(KEY))
-    assert keyed.sender(beat) is Sender.STRANGER
+    assert keyed.sender(0.0, beat) is Sender.STRANGER
     packer = Packer(255, 190, Signing(KEY, 1))
     heartbeat = message_type(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     signed = packer.encode(heartbeat(type=mavlink.MAV_TYPE_GCS))
-    assert keyed.sender(signed) is Sender.EXPECTED
-    assert keyed.sender(signed) is Sender.EXPECTED
+    assert keyed.sender(0.0, signed) is Sender.EXPECTED
+    assert keyed.sender(0.0, signed) is Sender.EXPECTED
     keyed.to_vehicle(0, signed)
     assert len(keyed.take()) == 1
-    assert keyed.sender(signed) is Sender.BEHIND, "a replay"
+    assert keyed.sender(0.0, signed) is Sender.BEHIND, "a replay"

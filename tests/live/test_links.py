@@ -23,7 +23,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(links, "RECONNECT_S", (0.02, 0.1))
 
 
-def sender(data):
+def sender(_, data):
     """Whose a datagram is, in these tests."""
     said = {b"vehicle": Sender.EXPECTED, b"lagging": Sender.BEHIND}
     return said.get(data[:7], Sender.STRANGER)

@@ -98,10 +98,10 @@ def test_the_vehicle_is_recognised_by_a_sound_frame_of_its_own():
     (ours,) = frames(attitude())
     (others,) = frames(attitude(), sender=(1, 2))
     broken = ours[:-1] + bytes([ours[-1] ^ 1])
-    assert EXPECTED is link.sender(ours)
-    assert EXPECTED is link.sender(others + ours)
+    assert EXPECTED is link.sender(0.0, ours)
+    assert EXPECTED is link.sender(0.0, others + ours)
     for data in (b"", b"\0", b"\0" + ours, others, broken, ours[:-1], b"\xfd", broken + ours):
-        assert STRANGER is link.sender(data)
+        assert STRANGER is link.sender(0.0, data)
     assert (link.counters.datagrams, link.counters.refused) == (0, 0)
 
 
@@ -115,7 +115,7 @@ def test_to_recognise_the_vehicle_takes_few_checksums(monkeypatch):
 
     monkeypatch.setattr("companion.mavlink.frames.checksum", checksum)
     (others,) = frames(attitude(), sender=(1, 2))
-    assert codec().sender(1000 * others) is STRANGER
+    assert codec().sender(0.0, 1000 * others) is STRANGER
     assert 0 < len(looked_at) <= 32
 
 

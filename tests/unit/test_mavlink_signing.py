@@ -123,13 +123,13 @@ def test_who_may_take_the_link_is_judged_without_using_the_frame_up():
     """The link looks first, the engine decodes the same frame after it."""
     vehicle, ours = Vehicle(), codec(Signing(KEY, 7, UTC_2026_S))
     said = vehicle.says()
-    assert ours.sender(said) is Sender.EXPECTED
-    assert ours.sender(said) is Sender.EXPECTED
+    assert ours.sender(0.0, said) is Sender.EXPECTED
+    assert ours.sender(0.0, said) is Sender.EXPECTED
     assert len(ours.decode(0.0, said).messages) == 1
-    assert ours.sender(said) is Sender.BEHIND, "a replay"
-    assert ours.sender(Vehicle(utc_s=UTC_2026_S - YEAR_S).says()) is Sender.BEHIND
-    assert ours.sender(Vehicle(bytes(32)).says()) is Sender.STRANGER
-    assert ours.sender(Vehicle(None).says()) is Sender.STRANGER
+    assert ours.sender(0.0, said) is Sender.BEHIND, "a replay"
+    assert ours.sender(0.0, Vehicle(utc_s=UTC_2026_S - YEAR_S).says()) is Sender.BEHIND
+    assert ours.sender(0.0, Vehicle(bytes(32)).says()) is Sender.STRANGER
+    assert ours.sender(0.0, Vehicle(None).says()) is Sender.STRANGER
     assert ours.counters.refused == 4
 
 

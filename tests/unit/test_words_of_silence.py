@@ -49,35 +49,34 @@ def test_silence_is_said_only_where_nothing_arrives(data, key, found, fix, strea
     autopilot = Autopilot(load_config(overrides=overrides), Signing(key) if key else None)
 
     def hear(now_s):
-        autopilot.upkeep(now_s, [], mode=None, arm=False)
-        if stream or autopilot.sender(data) is Sender.EXPECTED:
+        if stream or autopilot.sender(now_s, data) is Sender.EXPECTED:
             autopilot.receive([(round(now_s * 1e9), data)])
-        return autopilot.heard.contact()
+        return autopilot.heard.contact(now_s)
 
-    assert autopilot.heard.contact()[0].startswith("nothing arrives at ")
+    assert autopilot.heard.contact(0.9)[0].startswith("nothing arrives at ")
     why, todo = hear(1.0)
     assert found in why
     assert fix in todo
     assert ("tcp:" if stream else "udp-listen:127.0.0.1:14550") in why
-    autopilot.upkeep(1.1 + LATELY_S, [], mode=None, arm=False)
-    assert autopilot.heard.contact()[0].startswith("nothing arrives at "), "what was heard is over"
+    assert autopilot.heard.contact(1.1 + LATELY_S)[0].startswith("nothing arrives at "), (
+        "what was heard is over"
+    )
 
 
 def test_of_a_cut_link_it_says_that_nothing_arrives_as_soon_as_the_heartbeat_is_missed():
     autopilot = Autopilot(config := load_config())
     autopilot.receive([(0, said(BEAT) + said(ATTITUDE) + said(STATION, 255, 190))])
-    autopilot.upkeep(config.supervisor.heartbeat_timeout_s, [], mode=None, arm=False)
-    assert autopilot.heard.contact()[0].startswith("nothing arrives at ")
+    assert autopilot.heard.contact(config.supervisor.heartbeat_timeout_s)[0].startswith("nothing arrives at ")
 
 
 def test_an_autopilot_that_speaks_mavlink_1_is_greeted_and_one_that_is_barred_is_named():
     autopilot = Autopilot(load_config())
-    assert autopilot.sender(said(BEAT, version_1=True)) is Sender.BEHIND, "it may speak MAVLink 2 then"
-    assert autopilot.sender(said(BEAT, 7, version_1=True)) is Sender.STRANGER
+    assert autopilot.sender(0.0, said(BEAT, version_1=True)) is Sender.BEHIND, "it may speak MAVLink 2 then"
+    assert autopilot.sender(0.0, said(BEAT, 7, version_1=True)) is Sender.STRANGER
     signed = Autopilot(load_config(), Signing(KEY))
-    assert signed.sender(said(BEAT, version_1=True)) is Sender.STRANGER
-    signed.heard.barred("10.0.0.5")
-    assert "MAVLink 1" in signed.heard.contact()[0]
+    assert signed.sender(0.0, said(BEAT, version_1=True)) is Sender.STRANGER
+    signed.heard.barred(0.0, "10.0.0.5")
+    assert "MAVLink 1" in signed.heard.contact(0.0)[0]
     autopilot = Autopilot(load_config())
-    autopilot.heard.barred("10.0.0.5")
-    assert "datagrams of 10.0.0.5, which link.allow leaves out" in autopilot.heard.contact()[0]
+    autopilot.heard.barred(0.0, "10.0.0.5")
+    assert "datagrams of 10.0.0.5, which link.allow leaves out" in autopilot.heard.contact(0.0)[0]
