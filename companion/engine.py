@@ -20,7 +20,7 @@ from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
 from companion.guidance.pilot import PilotDemand
 from companion.mavlink.autopilot import Autopilot
-from companion.mavlink.pilot_display import PilotDisplay
+from companion.mavlink.pilot_display import PilotDisplay, values
 from companion.mavlink.signing import Signing
 from companion.predive.check import CheckRow
 from companion.predive.fitness import Fitness
@@ -158,13 +158,12 @@ class Engine:
 
         It goes to the ground station's link, and without one to the vehicle's, which forwards it.
         """
-        applied = NEUTRAL if self.last is None else self.last.guarded.applied
-
-        def left() -> float:
-            return reserve(self.parameters.actuation.thrusters, applied, self._reach(sample.state))
-
-        reports = self.last.heard.reports if self.last is not None else ()
-        return self._autopilot.displayed(self._display.step(sample, events, reports, left))
+        assert self.last is not None, "nothing is shown before the first tick"
+        messages = self._display.step(sample, events, self.last.heard.reports)
+        if self._display.plots(sample.state.t_s):
+            applied, reach = self.last.guarded.applied, self._reach(sample.state)
+            messages += values(sample, reserve(self.parameters.actuation.thrusters, applied, reach))
+        return self._autopilot.displayed(messages)
 
     def last_words(self, words: str) -> list[bytes]:
         """Return what the pilot's ground station shows when this process ends."""

@@ -6,7 +6,7 @@ else commands is left out.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -128,13 +128,8 @@ class PilotDisplay:
         sample: ControlSample,
         events: Sequence[schemas.Event],
         reports: Sequence[Event],
-        reserve: Callable[[], float],
     ) -> list[Message]:
-        """Return answers, texts and, every VALUES_S, the numbers.
-
-        `events` are what happened in this tick, `reports` what came in; `reserve` gives the share of the
-        thrust that is left.
-        """
+        """Return answers and texts; `events` are what happened in this tick, `reports` what came in."""
         now_s = sample.state.t_s
         messages = [message for report in reports for message in answers(report, sample)]
         for report in reports:
@@ -156,10 +151,13 @@ class PilotDisplay:
             self._heard_s = now_s
         for text in self._texts.due(now_s):
             messages += self.text(text.severity, text.words)
-        if now_s - self._values_s >= VALUES_S:
-            self._values_s = now_s
-            messages += values(sample, reserve())
         return messages
+
+    def plots(self, now_s: float) -> bool:
+        """Tell whether `values` are due: once in VALUES_S."""
+        due = now_s - self._values_s >= VALUES_S
+        self._values_s = now_s if due else self._values_s
+        return due
 
     def _tell(self, verdict: Verdict, events: Sequence[schemas.Event]) -> None:
         """Put what happened. A grave state gives the reason: what begins with it is left out."""
@@ -256,7 +254,7 @@ def refusal(report: Event, sample: ControlSample) -> str:
 
 
 def values(sample: ControlSample, reserve: float) -> list[Message]:
-    """Return the numbers to plot, as docs/wiring.md lists them."""
+    """Return the numbers to plot, as docs/wiring.md lists them; `reserve` is what thrust is left, 0..1."""
     state = sample.state
     north, east, down, turning = state.disturbance
     boot_ms = int(1e3 * state.boot_s) & 0xFFFFFFFF if math.isfinite(state.boot_s) else 0

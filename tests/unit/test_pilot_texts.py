@@ -28,7 +28,7 @@ class Screen:
     def heard(self, *events, reports=(), **sample):
         """Return the messages of one more tick."""
         self.now_s += 0.02
-        messages = self.display.step(sampled(self.now_s, **sample), list(events), list(reports), lambda: 0.4)
+        messages = self.display.step(sampled(self.now_s, **sample), list(events), list(reports))
         data = b"".join(self.packer.encode(message) for message in messages)
         return self.parser.parse_buffer(data) or [] if data else []
 
