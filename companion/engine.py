@@ -19,6 +19,7 @@ from companion.guidance.guidance import Guidance
 from companion.guidance.orders import Order
 from companion.guidance.paths.shapes import Path
 from companion.guidance.pilot import PilotDemand
+from companion.guidance.sources import Here
 from companion.mavlink.autopilot import Autopilot
 from companion.mavlink.pilot_display import PilotDisplay, values
 from companion.mavlink.signing import Signing
@@ -213,7 +214,7 @@ class Engine:
 
     def aim(self, setpoint: Setpoint) -> None:
         """Take a new setpoint (`Sources.aim`)."""
-        self._guidance.sources.aim(setpoint)
+        self._guidance.sources.aim(setpoint, self._estimator.frame)
 
     @property
     def asked(self) -> Vector:
@@ -228,13 +229,12 @@ class Engine:
     @property
     def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
         """The path that is followed, and what gives its places in the EKF's frame."""
-        return self._guidance.sources.path
+        return self._guidance.sources.path(self._estimator.frame)
 
     def guide(self, order: Order) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
-        now_s = 0.0 if self.last is None else self.last.heard.now_s
-        reference = tick.referred(self.memory.controlled, self.memory.limits)
-        self._guidance.guide(order, now_s, reference)
+        t_s, eta = (0.0, ZERO) if self.last is None else (self.last.state.t_s, self.last.state.eta)
+        self._guidance.guide(order, self._here(t_s, eta, self.memory))
 
     @property
     def check_list(self) -> list[CheckRow]:
@@ -404,12 +404,14 @@ class Engine:
         verdict: Verdict,
     ) -> Wanted:
         """Return where to go."""
-        guidance, dt_s = self._guidance, heard.control_dt_s
-        reference = tick.referred(memory.controlled, memory.limits)
-        target = guidance.step(demanded, heard.reports, verdict, state, reference, dt_s)
+        guidance, here = self._guidance, self._here(state.t_s, state.eta, memory)
+        target = guidance.step(demanded, heard.reports, verdict, state, here, heard.control_dt_s)
         full = verdict.state is State.ACTIVE and verdict.authority >= 1.0
         pitches = full and max(known.dead_motor, known.reversed_motor) <= HORIZONTAL
         return Wanted(target, guidance.engaged, guidance.sources.angles.asked if pitches else LEVEL)
+
+    def _here(self, t_s: float, eta: Vector, memory: Memory) -> Here:
+        return Here(t_s, eta, tick.referred(memory.controlled, memory.limits), self._estimator.frame)
 
     def _guard(self, demand: Demand, state: VehicleState, demanded: PilotDemand, verdict: Verdict) -> Guarded:
         """Bound what is demanded, and leave the pilot's axes to him."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from companion.core.bounds import wrap
 from companion.core.positioning import jacobian, to_inertial
-from companion.core.reference import Reference
-from companion.guidance.sources import Sources
+from companion.estimation.frame import Frame
+from companion.guidance.sources import Here, Sources
 from companion.guidance.target import from_here, known
 from companion.records import (
     PSI,
@@ -24,7 +24,7 @@ VELOCITY_LASTS_S = 1.0
 """How long a velocity lasts after its message; they come at some Hz."""
 
 
-def take(events: Sequence[Event], sources: Sources, reference: Reference) -> None:
+def take(events: Sequence[Event], sources: Sources, here: Here) -> None:
     """Take the targets that came in this tick.
 
     A place replaces the target, no further than the fence; with a velocity beside it, it moves on. A velocity
@@ -32,32 +32,32 @@ def take(events: Sequence[Event], sources: Sources, reference: Reference) -> Non
     """
     for event in events:
         if isinstance(event, AttitudeTarget):
-            _take_attitude(event, sources)
+            _take_attitude(event, sources, here.frame)
         elif isinstance(event, PositionTarget):
-            _take_position(event, sources, reference)
+            _take_position(event, sources, here)
 
 
-def _take_attitude(event: AttitudeTarget, sources: Sources) -> None:
+def _take_attitude(event: AttitudeTarget, sources: Sources, frame: Frame) -> None:
     if not math.isnan(event.heading):
         sources.angles.aim(event.angles)
-        sources.put(Setpoint((math.nan, math.nan, math.nan, event.heading)))
+        sources.put(Setpoint((math.nan, math.nan, math.nan, event.heading)), frame)
     if event.climb:
         w = -event.climb * sources.bounds.config.heave.max_rate
-        sources.ask_velocity(event.t_s + VELOCITY_LASTS_S, (0.0, 0.0, w, 0.0), body=False)
+        sources.ask_velocity(event.t_s + VELOCITY_LASTS_S, (0.0, 0.0, w, 0.0), frame, body=False)
 
 
-def _take_position(event: PositionTarget, sources: Sources, reference: Reference) -> None:
+def _take_position(event: PositionTarget, sources: Sources, here: Here) -> None:
     until_s, moves = event.t_s + VELOCITY_LASTS_S, any(known(event.velocity))
     positioned = sources.held.engaged[X] or sources.held.has_position
-    at = _target(event, sources.standing_outside(reference), positioned=positioned)
+    at = _target(event, sources.standing_outside(here), positioned=positioned)
     if any(known(at.eta_d)[:PSI]):
-        sources.put(at, until_s if moves else -math.inf)
+        sources.put(at, here.frame, until_s if moves else -math.inf)
         return
     if not math.isnan(at.eta_d[PSI]):
-        sources.put(Setpoint(at.eta_d))
+        sources.put(Setpoint(at.eta_d), here.frame)
     if moves:
         velocity = chosen(known(event.velocity), event.velocity, ZERO)
-        sources.ask_velocity(until_s, velocity, body=event.body)
+        sources.ask_velocity(until_s, velocity, here.frame, body=event.body)
 
 
 def _target(event: PositionTarget, here: Vector, *, positioned: bool) -> Setpoint:

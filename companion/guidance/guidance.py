@@ -17,8 +17,7 @@ from collections.abc import Sequence
 
 from companion.config import Config
 from companion.core.actuation import NONE
-from companion.core.reference import Reference
-from companion.estimation.frame import Frame
+from companion.estimation.frame import Frame, Offset
 from companion.guidance import ground_station, operator
 from companion.guidance.course import Course, pace
 from companion.guidance.fence import Bounds
@@ -26,7 +25,7 @@ from companion.guidance.held import HORIZONTAL
 from companion.guidance.orders import Order
 from companion.guidance.pilot import NO_DEMAND, PilotDemand
 from companion.guidance.reference_history import ReferenceHistory
-from companion.guidance.sources import Sources
+from companion.guidance.sources import Here, Sources
 from companion.guidance.target import UNSET, placed
 from companion.records import (
     LEVEL,
@@ -54,6 +53,8 @@ class Guidance:
         self.sources = Sources(config, setpoint)
         self.references = ReferenceHistory()
         """References of what was held, for the record of each tick."""
+        self._settled = Offset()
+        """The frame of the places that were asked for."""
         self._waits = False
         """Whether a short interruption lasts: nothing of what is wanted changes."""
 
@@ -67,9 +68,9 @@ class Guidance:
         """The degrees of freedom that the law holds."""
         return self.sources.held.engaged
 
-    def guide(self, order: Order, now_s: float, reference: Reference) -> None:
+    def guide(self, order: Order, here: Here) -> None:
         """Take a path, a move, or what to do with them. Raises ValueError for what is not possible."""
-        operator.take(order, self.sources, now_s, reference)
+        operator.take(order, self.sources, here)
 
     def refuse(self, config: Config) -> None:
         """Raise ValueError where the present setpoint is not possible with `config`."""
@@ -101,10 +102,9 @@ class Guidance:
         where all of them rest there.
         """
         sources, held, target = self.sources, self.sources.held, self.sources.target
-        sources.here = state.eta
-        if frame.settled != sources.frame.settled:
+        if frame.settled != self._settled:
+            self._settled = frame.settled
             target.translate_asked(held.engaged, frame.settled)
-        sources.frame = frame
         waits, self._waits = self._waits, False
         if verdict.authority == 0.0:
             self._rest(previous, verdict, state, waited=waits)
@@ -122,7 +122,7 @@ class Guidance:
             target.put(regained, state.eta)
             if sources.offers_position:
                 held.want_here()
-        return either(regained, self._follow_position(state))
+        return either(regained, self._follow_position(state, frame.settled))
 
     def _rest(self, previous: Verdict, verdict: Verdict, state: VehicleState, *, waited: bool) -> None:
         """Hold nothing; during a short interruption nothing of what is wanted changes."""
@@ -145,7 +145,7 @@ class Guidance:
             sources.altitude = None
             sources.suspend()
 
-    def _follow_position(self, state: VehicleState) -> Flags:
+    def _follow_position(self, state: VehicleState, settled: Offset) -> Flags:
         """Release x and y without a position; return them when they are held again for something."""
         sources, held, target = self.sources, self.sources.held, self.sources.target
         held.follow_position(state.t_s, positioned=self._positioned(state))
@@ -154,7 +154,7 @@ class Guidance:
         if held.moved_meanwhile:
             target.ask_places(HORIZONTAL, UNSET)
         if held.moved_meanwhile or not held.lost:
-            target.put(HORIZONTAL, placed(target.asked.eta_d, state.eta, sources.frame.settled))
+            target.put(HORIZONTAL, placed(target.asked.eta_d, state.eta, settled))
         return held.take_up_position()
 
     # What moves the target
@@ -169,7 +169,7 @@ class Guidance:
         events: Sequence[Event],
         verdict: Verdict,
         state: VehicleState,
-        reference: Reference,
+        here: Here,
         dt_s: float,
     ) -> Setpoint:
         """Return where to go: what the sources make of the target, one after the other.
@@ -179,20 +179,20 @@ class Guidance:
         sources, target = self.sources, self.sources.target
         sources.hear(events)
         by_hand = demand is not NO_DEMAND and self._apply_pilot_demand(
-            demand, state.eta_ahead[PSI], reference, dt_s
+            demand, state.eta_ahead[PSI], here, dt_s
         )
         if verdict.state is State.ACTIVE and verdict.authority < 1.0:
-            return sources.bounds.fenced(target.start, sources.frame.now)
+            return sources.bounds.fenced(target.start, here.frame.now)
         if verdict.state is State.ACTIVE:
-            ground_station.take(events, sources, reference)
+            ground_station.take(events, sources, here)
             target.carry_on(state.t_s, dt_s)
             if sources.course.moves:
-                self._follow_course(sources.course, state, reference, dt_s)
+                self._follow_course(sources.course, state, here, dt_s)
             if self.engaged[Z] and not by_hand:
                 self._keep_altitude(state.ground, dt_s)
-        return sources.bounds.fenced(target.now, sources.frame.now)
+        return sources.bounds.fenced(target.now, here.frame.now)
 
-    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, reference: Reference, dt_s: float) -> bool:
+    def _apply_pilot_demand(self, demand: PilotDemand, psi: float, here: Here, dt_s: float) -> bool:
         """Release the DOFs that the pilot overrides, and move the target as the sticks say.
 
         Return whether he moves an altitude that is kept. `psi` is the heading where the command acts. A path
@@ -207,17 +207,17 @@ class Guidance:
             target.stop_carrying()
         if steers and sources.course.moves:
             sources.course.suspend()
-            target.now = Setpoint(sources.standing(reference))
+            target.now = Setpoint(sources.standing(here))
         if demand.sticks is not None:
             sources.angles.turn(demand.sticks.sticks, dt_s)
         if demand.hold and any(held.engaged):
-            sources.hold_here(reference)
+            sources.hold_here(here)
         held.release(demand.overridden)
-        now = sources.frame.now
-        here = now.setpoint_outside(target.now)
-        heading, x_d = now.heading_outside(psi), now.outside(reference.x_d)
-        there, moved = sources.pilot.move(here, demand, heading, held.engaged, x_d, sources.bounds, dt_s)
-        if there is not here:
+        now = here.frame.now
+        before = now.setpoint_outside(target.now)
+        heading, x_d = now.heading_outside(psi), now.outside(here.reference.x_d)
+        there, moved = sources.pilot.move(before, demand, heading, held.engaged, x_d, sources.bounds, dt_s)
+        if there is not before:
             target.now = now.setpoint_inside(there)
         taken = either(moved, demand.overridden)
         target.ask_places(taken, UNSET)
@@ -237,31 +237,31 @@ class Guidance:
         altitude.bound(max(shallow_m, 0.0), deep_m)
         target.move_depth(*altitude.target)
 
-    def _follow_course(self, course: Course, state: VehicleState, reference: Reference, dt_s: float) -> None:
+    def _follow_course(self, course: Course, state: VehicleState, here: Here, dt_s: float) -> None:
         """Move the target along the course; one that leads nowhere ends here."""
         try:
-            self._step_course(course, state, reference, dt_s)
+            self._step_course(course, state, here, dt_s)
         except (ArithmeticError, ValueError) as error:
             course.refused = f"it cannot be followed: {error}" if course.begun else str(error)
             course.done = True
             if course.begun:
-                self.sources.target.now = Setpoint(self.sources.standing(reference))
+                self.sources.target.now = Setpoint(self.sources.standing(here))
 
-    def _step_course(self, course: Course, state: VehicleState, reference: Reference, dt_s: float) -> None:
+    def _step_course(self, course: Course, state: VehicleState, here: Here, dt_s: float) -> None:
         sources, held = self.sources, self.engaged[X] and self.engaged[Y]
         rests = course.wants_position and not held
         if not course.begun:
             if rests:
                 return
-            course.frame = sources.frame.settled
-            start = sources.standing_outside(reference)
+            course.frame = here.frame.settled
+            start = sources.standing_outside(here)
             sources.bounds.check(course, start)
             course.begin(start)
         first = X if held else Z
         behind_m = math.dist(state.eta_ahead[first:PSI], self.target.eta_d[first:PSI])
         if sources.altitude is not None:
             behind_m = max(behind_m, sources.altitude.lacks_m(state.ground))
-        at = course.step(0.0 if rests else pace(reference.pace, behind_m), dt_s)
+        at = course.step(0.0 if rests else pace(here.reference.pace, behind_m), dt_s)
         if not all(map(math.isfinite, (*at.eta_d, *at.eta_d_dot, *at.eta_d_ddot))):
             raise ValueError("its numbers are not finite")
         sources.target.now = course.frame.setpoint_inside(at)

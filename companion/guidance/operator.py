@@ -5,37 +5,36 @@ Each order is taken whole or, with a ValueError that says why, not at all.
 
 import math
 
-from companion.core.reference import Reference
 from companion.guidance.altitude import AltitudeHold
 from companion.guidance.course import Course
 from companion.guidance.orders import Order, angles, number_of
 from companion.guidance.paths.shapes import Path
-from companion.guidance.sources import Sources
+from companion.guidance.sources import Here, Sources
 from companion.guidance.target import UNSET, known
 from companion.records import PSI, X, Y, Z, chosen
 from companion.telemetry.operator_commands import Goto, SetPath, SetVelocity
 
 
-def take(order: Order, sources: Sources, now_s: float, reference: Reference) -> None:
+def take(order: Order, sources: Sources, here: Here) -> None:
     """Take an order. Raises ValueError for what is not possible."""
     match order:
         case Path():
-            _follow(order, sources, reference)
+            _follow(order, sources, here)
         case Goto():
-            _go_to(order, sources, reference)
+            _go_to(order, sources, here)
         case SetVelocity():
-            _move_at(order, sources, now_s)
+            _move_at(order, sources, here)
         case SetPath(action="hold"):
-            sources.hold_here(reference)
+            sources.hold_here(here)
         case _ if sources.course.done:
             raise ValueError("there is no path and no move under way")
         case SetPath(action="resume"):
-            _resume(sources, reference)
+            _resume(sources, here)
         case _:
             sources.course.paused = True
 
 
-def _follow(path: Path, sources: Sources, reference: Reference) -> None:
+def _follow(path: Path, sources: Sources, here: Here) -> None:
     """Follow a path, from where it is, as soon as it may.
 
     One that leaves the fence is refused, with the place; one that counts from where it engages, then.
@@ -45,13 +44,13 @@ def _follow(path: Path, sources: Sources, reference: Reference) -> None:
     sources.angles.permit(angles(plan))
     course = Course(bounds.limits, plan.speed_mps, plan.acceleration_mps2, path=path)
     if any(sources.held.engaged) or not any(path.relative[:PSI]):
-        bounds.check(course, sources.standing_outside(reference))
+        bounds.check(course, sources.standing_outside(here))
     sources.angles.ask(angles(plan))
     sources.altitude = AltitudeHold.of(altitude_m)
     sources.begin(course, UNSET)
 
 
-def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
+def _go_to(order: Goto, sources: Sources, here: Here) -> None:
     """Go to a place in a straight line; coordinates that it does not name stay.
 
     In `order.frame` "local" it counts from the origin, else from where the move begins: "offset" north,
@@ -62,8 +61,8 @@ def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
     course, held_angles = Course.to(order, bounds.limits), angles(order)
     bounds.permit_altitude(altitude_m)
     sources.angles.permit(held_angles)
-    here = sources.standing_outside(reference)
-    goal = course.goal(here)
+    start = sources.standing_outside(here)
+    goal = course.goal(start)
     named = known((goal[X], goal[Y], altitude_m if math.isnan(goal[Z]) else goal[Z], goal[PSI]))
     if not math.isnan(altitude_m) and not math.isnan(goal[Z]):
         raise ValueError("depth_m and altitude_m: name one of them")
@@ -74,7 +73,7 @@ def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
             "and heading, or connect a DVL, a USBL or vision that the autopilot uses (docs/guidance.md)"
         )
     if any(held.engaged) or order.frame == "local":
-        bounds.check(course, here)
+        bounds.check(course, start)
     sources.angles.ask(held_angles)
     if not any(named):
         return
@@ -83,16 +82,16 @@ def _go_to(order: Goto, sources: Sources, reference: Reference) -> None:
     sources.begin(course, chosen(named, UNSET, sources.target.asked.eta_d))
 
 
-def _move_at(order: SetVelocity, sources: Sources, now_s: float) -> None:
+def _move_at(order: SetVelocity, sources: Sources, here: Here) -> None:
     """Move at a velocity; where it ends, the place is held."""
     if not any(sources.held.engaged):
         raise ValueError("velocity: nothing is held; engage first")
     rate = math.radians(order.heading_rate_degps)
     velocity = (order.forward_mps, order.right_mps, order.down_mps, rate)
-    sources.ask_velocity(now_s + order.lasts_s, velocity, body=order.frame == "body")
+    sources.ask_velocity(here.t_s + order.lasts_s, velocity, here.frame, body=order.frame == "body")
 
 
-def _resume(sources: Sources, reference: Reference) -> None:
+def _resume(sources: Sources, here: Here) -> None:
     """Go on with what is paused, unless its places are not where they were."""
     course = sources.course
     if course.begun and course.displaced:
@@ -103,4 +102,4 @@ def _resume(sources: Sources, reference: Reference) -> None:
         plan = course.path.plan
         sources.angles.ask(angles(plan))
         sources.altitude = sources.altitude or AltitudeHold.of(number_of(plan.altitude_m))
-    course.resume(course.frame.outside(sources.standing(reference)))
+    course.resume(course.frame.outside(sources.standing(here)))

@@ -14,6 +14,7 @@ the EKF's: a place is taken by the offset of that moment, and then stays where i
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from companion.config import Config
 from companion.core.bounds import clamped, wrap
@@ -28,7 +29,16 @@ from companion.guidance.orders import place_words
 from companion.guidance.paths.shapes import Path
 from companion.guidance.pilot import PilotControl
 from companion.guidance.target import Target, known, placed
-from companion.records import ZERO, Event, GlobalOrigin, Guided, Reboot, Setpoint, Vector, X, Z
+from companion.records import Event, GlobalOrigin, Guided, Reboot, Setpoint, Vector, X, Z
+
+
+class Here(NamedTuple):
+    """Where vehicle and reference are now, inside, and where the EKF's frame lies."""
+
+    t_s: float
+    eta: Vector
+    reference: Reference
+    frame: Frame
 
 
 class Sources:
@@ -44,33 +54,30 @@ class Sources:
         self.course = Course.none(self.bounds.limits)
         self._number = 0
         """Number of the course; each new one increases it by one."""
-        self.frame = Frame()
-        self.here = ZERO
-        """The vehicle's last place, limited to the fence."""
         self._origin_deg: tuple[float, float] | None = None
 
-    def standing(self, reference: Reference) -> Vector:
+    def standing(self, here: Here) -> Vector:
         """Return where the reference comes to rest, inside; where x and y are not held, the vehicle's."""
-        x, y, z, psi = braked(reference.states, self.bounds.max_acceleration)
+        x, y, z, psi = braked(here.reference.states, self.bounds.max_acceleration)
         if not self.held.engaged[X]:
-            x, y, _, _ = self.here
+            x, y, _, _ = here.eta
         return (x, y, z, wrap(psi))
 
-    def standing_outside(self, reference: Reference) -> Vector:
+    def standing_outside(self, here: Here) -> Vector:
         """Return the same in the EKF's frame."""
-        return self.frame.settled.outside(self.standing(reference))
+        return here.frame.settled.outside(self.standing(here))
 
-    def aim(self, setpoint: Setpoint) -> None:
+    def aim(self, setpoint: Setpoint, frame: Frame) -> None:
         """Take a new setpoint; its NaN targets stay what they are. It ends a path or a move.
 
         Raises ValueError for one that is infinite, deeper than `supervisor.max_depth_m`, or beyond the fence.
         """
-        self.target.ask(self.bounds.checked(setpoint), self.frame.settled)
+        self.target.ask(self.bounds.checked(setpoint), frame.settled)
         self._end(setpoint.eta_d)
 
-    def put(self, target: Setpoint, carries_until_s: float = -math.inf) -> None:
+    def put(self, target: Setpoint, frame: Frame, carries_until_s: float = -math.inf) -> None:
         """Replace the target where a place is said, outside, with its rates within the limits."""
-        settled, (x, y, z, psi) = self.frame.settled, target.eta_d
+        settled, (x, y, z, psi) = frame.settled, target.eta_d
         place = (x, y, clamped(z, 0.0, self.bounds.config.supervisor.max_depth_m), psi)
         self._end(place)
         self.target.ask_places(known(place), place)
@@ -79,9 +86,9 @@ class Sources:
         self.target.now = self.bounds.slowed(Setpoint(there, rate, rise))
         self.target.carries_until_s = carries_until_s
 
-    def ask_velocity(self, until_s: float, velocity: Vector, *, body: bool) -> None:
+    def ask_velocity(self, until_s: float, velocity: Vector, frame: Frame, *, body: bool) -> None:
         """Move at a velocity until then, along the vehicle's axes or in the EKF's frame."""
-        self.pilot.ask(until_s, velocity if body else self.frame.settled.inward(velocity), body=body)
+        self.pilot.ask(until_s, velocity if body else frame.settled.inward(velocity), body=body)
 
     def _end(self, eta: Vector) -> None:
         """End the course, and where a depth is said the altitude."""
@@ -94,13 +101,13 @@ class Sources:
         self.course, self._number = course, self._number + 1
         self.target.asked, self.target.now = Setpoint(asked), Setpoint(self.target.now.eta_d)
 
-    def hold_here(self, reference: Reference) -> None:
+    def hold_here(self, here: Here) -> None:
         """Stop, and hold this place, also north and east where a position has come; a path can be resumed."""
         self.suspend()
         self.altitude = None
         if self.offers_position:
             self.held.want_here()
-        self.target.hold(self.standing(reference))
+        self.target.hold(self.standing(here))
 
     def suspend(self) -> None:
         """Let a path that has begun be resumed later; end a move."""
@@ -166,10 +173,9 @@ class Sources:
         places = place_words(self.target.asked.eta_d, altitude_m, self.angles.asked)
         return "; ".join(filter(None, (places, waits + begins)))
 
-    @property
-    def path(self) -> tuple[Path, Callable[[Vector], Vector]] | None:
-        """The path, and what gives its places in the EKF's frame; None where there is none."""
-        course, now = self.course, self.frame.now
+    def path(self, frame: Frame) -> tuple[Path, Callable[[Vector], Vector]] | None:
+        """Return the path, and what gives its places in the EKF's frame; None where there is none."""
+        course, now = self.course, frame.now
         if course.path is None:
             return None
         began = course.frame if course.begun else now
