@@ -35,28 +35,28 @@ from companion.core.observer import (
     innovation,
     slopes,
 )
-from companion.core.vehicle_model import KNOWN_DRAG, KNOWN_GAIN, MEMORY_S, START_SPREAD, driven
+from companion.core.vehicle_model import (
+    KNOWN_GAIN,
+    START_SPREAD,
+    Found,
+    Theta,
+    driven,
+    evidence_of,
+    remembered,
+    solved,
+    without_drag,
+)
 
 SPREAD_MEMORY_S = 10.0
 PRIOR_S = 0.02
 """Standard deviation of the hidden delay before anything is found."""
+KNOWN_DELAY = 1.0 / (PRIOR_S * PRIOR_S)
 
 LARGEST_S = 0.04
 """As much is hidden by the autopilot's filter and by sensors that have no stamps; motors that start late look
 like more, and samples that were dated back for them threw vehicles off their place (decision 49)."""
 SLEW = 0.02
 """Seconds of delay a second at most."""
-
-
-class Information(NamedTuple):
-    """Ψᵀ S⁻¹ Ψ over MEMORY_S: of the delay, the log gain and the log drag, and of pairs of them."""
-
-    delay: float
-    delay_gain: float
-    delay_drag: float
-    gain: float
-    gain_drag: float
-    drag: float
 
 
 class HiddenDelayState(NamedTuple):
@@ -70,7 +70,8 @@ class HiddenDelayState(NamedTuple):
     by_drag: ObserverState
     u: float
     """Thrust of the step before; NaN before the first."""
-    information: Information
+    found: Found
+    """I, of which T is the delay."""
     position_variance: float
     rate_variance: float
 
@@ -85,7 +86,7 @@ def start(position: float, hidden_s: float) -> HiddenDelayState:
         by_gain=at_rest(0.0),
         by_drag=at_rest(0.0),
         u=math.nan,
-        information=Information(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        found=Found(Theta(0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         position_variance=q * q,
         rate_variance=v * v,
     )
@@ -116,45 +117,24 @@ def step(
     by_gain = driven(model, state.by_gain, slow, model[3] * (f + observed.f), 0.0)
     by_drag = driven(model, state.by_drag, slow, -model[3] * (push.c / gain) * (v + observed.v), 0.0)
     nu_q, nu_v = innovation(observed, sample, False)
-    delay_q, delay_v = slopes(by_delay, sample)
-    (gain_q, gain_v), (drag_q, drag_v) = slopes(by_gain, sample), slopes(by_drag, sample)
+    of_delay, of_gain, of_drag = slopes(by_delay, sample), slopes(by_gain, sample), slopes(by_drag, sample)
     spread_q = _spread(state.position_variance, nu_q, dt_s)
     spread_v = _spread(state.rate_variance, nu_v, dt_s)
-    weight_q, weight_v = 1.0 / spread_q, 1.0 / spread_v
-    old, keep = state.information, math.exp(-dt_s / MEMORY_S)
-    information = Information(
-        keep * old.delay + weight_q * delay_q * delay_q + weight_v * delay_v * delay_v,
-        keep * old.delay_gain + weight_q * delay_q * gain_q + weight_v * delay_v * gain_v,
-        keep * old.delay_drag + weight_q * delay_q * drag_q + weight_v * delay_v * drag_v,
-        keep * old.gain + weight_q * gain_q * gain_q + weight_v * gain_v * gain_v,
-        keep * old.gain_drag + weight_q * gain_q * drag_q + weight_v * gain_v * drag_v,
-        keep * old.drag + weight_q * drag_q * drag_q + weight_v * drag_v * drag_v,
-    )
-    of_delay = weight_q * delay_q * nu_q + weight_v * delay_v * nu_v
-    of_gain = weight_q * gain_q * nu_q + weight_v * gain_v * nu_v
-    of_drag = weight_q * drag_q * nu_q + weight_v * drag_v * nu_v
-    wanted = _more(information, of_delay, of_gain, of_drag)
+    said = evidence_of((nu_q, nu_v), (spread_q, spread_v), of_gain, of_delay, of_drag)
+    found = remembered(state.found, said, dt_s)
+    gain, both, delay, by_gain_alone, by_delay_alone = without_drag(found, said)
+    _, wanted = solved(gain + KNOWN_GAIN, delay + KNOWN_DELAY, both, by_gain_alone, by_delay_alone)
     return HiddenDelayState(
         hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, max(LARGEST_S, known_s)),
         observer=correct(parameters, observed, nu_q, nu_v),
-        by_delay=correct(parameters, by_delay, -delay_q, -delay_v),
-        by_gain=correct(parameters, by_gain, -gain_q, -gain_v),
-        by_drag=correct(parameters, by_drag, -drag_q, -drag_v),
+        by_delay=correct(parameters, by_delay, -of_delay[0], -of_delay[1]),
+        by_gain=correct(parameters, by_gain, -of_gain[0], -of_gain[1]),
+        by_drag=correct(parameters, by_drag, -of_drag[0], -of_drag[1]),
         u=u,
-        information=information,
+        found=found,
         position_variance=spread_q,
         rate_variance=spread_v,
     )
-
-
-def _more(information: Information, delay: float, gain: float, drag: float) -> float:
-    """Return the delay's part of (I + P⁻¹)⁻¹ times the evidence: what gain and drag do not explain."""
-    known = 1.0 / (PRIOR_S * PRIOR_S)
-    a, b, c = information.delay + known, information.delay_gain, information.delay_drag
-    d, e, f = information.gain + KNOWN_GAIN, information.gain_drag, information.drag + KNOWN_DRAG
-    determinant = max(d * f - e * e, KNOWN_GAIN * KNOWN_DRAG)  # so, whatever rounding leaves
-    of_gain, of_drag = (b * f - c * e) / determinant, (c * d - b * e) / determinant
-    return (delay - of_gain * gain - of_drag * drag) / max(a - of_gain * b - of_drag * c, known)
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:

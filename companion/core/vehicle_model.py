@@ -82,6 +82,10 @@ ROUNDING = 1e-15
 """Of a double: some units of its last place, 2.2e-16."""
 
 
+Pair = tuple[float, float]
+"""Of position and rate."""
+
+
 class Theta(NamedTuple):
     """The model of a vehicle that is in use, or was found: γ and T."""
 
@@ -162,17 +166,22 @@ def observe(
     slow = math.exp(dt_s / -parameters.slow_time_s)
     observed, by_gain, by_lag, by_drag = _advanced(state, theta, push, slow)
     nu_q, nu_v = innovation(observed, sample, angular)
-    (gain_q, gain_v), (lag_q, lag_v) = slopes(by_gain, sample), slopes(by_lag, sample)
-    drag_q, drag_v = slopes(by_drag, sample)
+    of_gain, of_lag, of_drag = slopes(by_gain, sample), slopes(by_lag, sample), slopes(by_drag, sample)
     spread_q, spread_v = _spread(spread_q, nu_q, dt_s), _spread(spread_v, nu_v, dt_s)
     observed = correct(parameters, observed, nu_q, nu_v)
-    by_gain = correct(parameters, by_gain, -gain_q, -gain_v)
-    by_lag = correct(parameters, by_lag, -lag_q, -lag_v)
-    by_drag = correct(parameters, by_drag, -drag_q, -drag_v)
+    by_gain = correct(parameters, by_gain, -of_gain[0], -of_gain[1])
+    by_lag = correct(parameters, by_lag, -of_lag[0], -of_lag[1])
+    by_drag = correct(parameters, by_drag, -of_drag[0], -of_drag[1])
     after = ModelState(observed, by_gain, by_lag, by_drag, spread_q, spread_v, measured)
-    nu_q, nu_v = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
-    weight_q, weight_v = 1.0 / (DOUBTED * spread_q), 1.0 / (DOUBTED * spread_v)
-    return after, Evidence(
+    nu = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
+    return after, evidence_of(nu, (DOUBTED * spread_q, DOUBTED * spread_v), of_gain, of_lag, of_drag)
+
+
+def evidence_of(nu: Pair, variance: Pair, of_gain: Pair, of_lag: Pair, of_drag: Pair) -> Evidence:
+    """Return what an innovation ν of this variance says, where φ is `of_gain`, `of_lag` and `of_drag`."""
+    (nu_q, nu_v), weight_q, weight_v = nu, 1.0 / variance[0], 1.0 / variance[1]
+    (gain_q, gain_v), (lag_q, lag_v), (drag_q, drag_v) = of_gain, of_lag, of_drag
+    return Evidence(
         gain=weight_q * gain_q * nu_q + weight_v * gain_v * nu_v,
         lag=weight_q * lag_q * nu_q + weight_v * lag_v * nu_v,
         drag=weight_q * drag_q * nu_q + weight_v * drag_v * nu_v,
@@ -272,9 +281,7 @@ def learn(found: Found, evidence: Evidence, dt_s: float) -> Found:
     log_gain, lag_s = found.theta
     if gain_gain > INFORMED * KNOWN_GAIN:
         a, b = gain_gain + KNOWN_GAIN, lag_lag + KNOWN_LAG
-        determinant = _determinant(a, b, gain_lag)
-        more = (b * of_gain - gain_lag * of_lag) / determinant
-        later_s = (a * of_lag - gain_lag * of_gain) / determinant
+        more, later_s = solved(a, b, gain_lag, of_gain, of_lag)
         lag_s = clamped(lag_s + limited(later_s, LAG_PER_S * dt_s), LEAST_LAG_S, MOST_LAG_S)
         if lag_s == found.theta.lag_s:
             more = of_gain / a
@@ -299,6 +306,12 @@ def learn_gain(found: Found, evidence: Evidence, of_lag: Found, dt_s: float) -> 
 
 def _more_gain(log_gain: float, more: float, dt_s: float) -> float:
     return clamped(log_gain + limited(more, LOG_GAIN_PER_S * dt_s), -MOST_LOG_GAIN, MOST_LOG_GAIN)
+
+
+def solved(a: float, b: float, c: float, of_gain: float, of_lag: float) -> Pair:
+    """Return (R + P⁻¹)⁻¹ φᵀ S⁻¹ ν, where R + P⁻¹ has a and b on its diagonal and c beside it."""
+    determinant = _determinant(a, b, c)
+    return (b * of_gain - c * of_lag) / determinant, (a * of_lag - c * of_gain) / determinant
 
 
 def _determinant(a: float, b: float, c: float) -> float:
