@@ -16,7 +16,7 @@ from lab.batch.companion import companion_of
 from lab.batch.compiled import cached, is_ours
 from lab.batch.loop import dive
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
-from lab.loop.dive import rms
+from lab.loop.dive import figures_of, rms
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.sim_config import SimConfig
 
@@ -75,25 +75,12 @@ def simulate(
         lost_s = ENGAGED_S + held * TICK_S if held < ticks else np.nan
         aim[:, :2] = np.where(np.isnan(aim[:, :2]), vehicle.start[:2], aim[:, :2])
         place = found[:, :3] - aim[:, :3]
-        figures = figures_of(place[since:held], found[since:held], place[max(since, tail) : held, 2])
+        tilt = np.arccos(np.clip(found[since:held, 3], -1.0, 1.0))
+        figures = figures_of(place[since:held], tilt, found[since:held, 4:])
         figures["place_rms_mm"] = figures["place_rms_mm"] if vehicle.positioned else np.nan
+        figures["tail_rms_mm"] = 1e3 * rms(place[max(since, tail) : held, 2])
         rows.append(figures | {"hidden_s": hidden_s, "lost_s": lost_s})
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def figures_of(error_m: Array, found: Array, tail_m: Array) -> dict[str, float]:
-    """Return the figures of the ticks that count; `tail_m` are the depth errors of the last."""
-    changes = np.diff(found[:, 4:], axis=0)
-    return {
-        "place_rms_mm": 1e3 * rms(np.hypot(error_m[:, 0], error_m[:, 1])),
-        "place_chatter_n": rms(np.hypot(changes[:, 0], changes[:, 1])),
-        "depth_rms_mm": 1e3 * rms(error_m[:, 2]),
-        "depth_peak_mm": 1e3 * float(np.abs(error_m[:, 2]).max(initial=0.0)),
-        "thrust_rms_n": rms(found[:, 6]),
-        "chatter_n": rms(changes[:, 2]),
-        "tail_rms_mm": 1e3 * rms(tail_m),
-        "tilt_deg": float(np.degrees(np.arccos(np.clip(found[:, 3].min(initial=1.0), -1.0, 1.0)))),
-    }
 
 
 def targets_of(target: Callable[[float], Setpoint], times_s: list[float]) -> Rows:

@@ -95,11 +95,6 @@ class Dive:
         """Return true − wanted heading, within ±π."""
         return np.array([*map(wrap, (self.truth[:, PSI] - self.reference[:, PSI]).tolist())])
 
-    @property
-    def thrust_n(self) -> Array:
-        """Return what was asked for in heave."""
-        return self.force[:, Z]
-
     def figures(self, since_s: float = SETTLE_S) -> dict[str, float]:
         """Return what is measured from a time on; NaN for a place without a reference or an estimate.
 
@@ -110,24 +105,15 @@ class Dive:
         """
         dive = self.part(self.t_s >= since_s)
         depth, heading = dive.depth_error_m, dive.heading_error_rad
-        place = dive.place_error_m
         believed = np.hypot(*(dive.believed - dive.reference[:, :Z]).T)
-        moved = np.linalg.norm(np.diff(dive.force[:, :Z], axis=0), axis=1)
-        return {
-            "place_rms_mm": 1e3 * rms(place),
-            "place_peak_mm": 1e3 * float(place.max()),
+        return figures_of(dive.error_m, dive.tilt, dive.force) | {
+            "place_peak_mm": 1e3 * float(dive.place_error_m.max()),
             "believed_rms_mm": 1e3 * rms(believed),
-            "depth_rms_mm": 1e3 * rms(depth),
             "depth_mean_mm": 1e3 * float(depth.mean()),
             "depth_sd_mm": 1e3 * float(depth.std()),
-            "depth_peak_mm": 1e3 * float(np.abs(depth).max()),
             "heading_rms_deg": math.degrees(rms(heading)),
             "heading_sd_deg": math.degrees(float(heading.std())),
-            "tilt_deg": math.degrees(float(dive.tilt.max())),
             "saturated_percent": 100.0 * float(dive.saturated.mean()),
-            "thrust_rms_n": rms(dive.thrust_n),
-            "chatter_n": rms(np.diff(dive.thrust_n)),
-            "place_chatter_n": rms(moved),
             "recovery_s": self.recovery_s(),
         }
 
@@ -143,6 +129,20 @@ class Dive:
         smooth = np.convolve(self.depth_error_m[self.load_on], np.full(ticks[0], 1.0 / ticks[0]), "valid")
         held = np.convolve(np.abs(smooth) <= RECOVERED_M, np.ones(ticks[1]), "valid") > ticks[1] - 0.5
         return float(t_s[np.argmax(held)] if held.any() else t_s[-1]) - float(t_s[0])
+
+
+def figures_of(error_m: Array, tilt_rad: Array, force_n: Array) -> dict[str, float]:
+    """Return what any dive is measured by, a row each tick: north, east, down; surge, sway, heave."""
+    changes = np.diff(force_n, axis=0)
+    return {
+        "place_rms_mm": 1e3 * rms(np.hypot(error_m[:, X], error_m[:, Y])),
+        "place_chatter_n": rms(np.hypot(changes[:, X], changes[:, Y])),
+        "depth_rms_mm": 1e3 * rms(error_m[:, Z]),
+        "depth_peak_mm": 1e3 * float(np.abs(error_m[:, Z]).max(initial=0.0)),
+        "thrust_rms_n": rms(force_n[:, Z]),
+        "chatter_n": rms(changes[:, Z]),
+        "tilt_deg": math.degrees(float(tilt_rad.max(initial=0.0))),
+    }
 
 
 def rms(x: Array) -> float:

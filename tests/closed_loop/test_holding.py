@@ -163,7 +163,7 @@ def test_a_vehicle_of_the_ensemble_is_engaged_without_a_cycle_and_held(seed: int
     scenario = replace(four(seed)[3], duration_s=SETTLE_S + 10.0)
     recorded = dive(scenario, load_config(), load_plant(HEAVY), LinkDelay())
     assert recorded.active[recorded.t_s > SETTLE_S].all()
-    assert np.abs(recorded.thrust_n).max() < 60.0
+    assert np.abs(recorded.force[:, 2]).max() < 60.0
     assert recorded.figures()["depth_rms_mm"] <= 6.0
 
 

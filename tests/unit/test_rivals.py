@@ -113,7 +113,7 @@ def test_alt_hold_keeps_depth_and_heading_and_takes_its_target_from_the_station(
     assert abs(dived.depth_error_m[dived.t_s < 3.0] + 0.5).max() < 0.2  # not armed yet: it floats up
     assert np.abs(dived.depth_error_m[late]).max() < 0.05
     assert np.abs(dived.heading_error_rad[late]).max() < 0.05
-    assert np.mean(dived.thrust_n[late]) == pytest.approx(BASE.hull.net_buoyancy_n, abs=1.0)
+    assert np.mean(dived.force[late, 2]) == pytest.approx(BASE.hull.net_buoyancy_n, abs=1.0)
 
 
 def _calm(base):
