@@ -5,13 +5,12 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
 
 from companion.config import PRESET_KEY, VehicleFile, vehicle_text
 from companion.config_text import with_values
 from companion.telemetry import ranges
 from holdfast import files, validation
-from lab.loop.scenarios import DEPTH_M, heaving, water
+from lab.loop.scenarios import varied
 from sim_bridge.sim_config import SimConfig
 
 LEAST_LAG_S, _ = validation.bounds(ranges.Lag) or (0.0, 0.0)
@@ -46,17 +45,16 @@ def around(base: SimConfig, seed: int) -> SimConfig:
     quadratic = hull.quadratic_damping[2] * draw(0.5, 1.5)
     strength = draw(0.8, 1.1)
     buoyancy_n = hull.net_buoyancy_n + draw(-2.0, 2.0)
-    drawn = replace(
+    return varied(
         base,
-        hull=heaving(hull, added_kg=added_kg, linear=linear, quadratic=quadratic, buoyancy_n=buoyancy_n),
-        thrusters=replace(
-            thrusters,
-            gain=tuple(strength * gain for gain in thrusters.gain),
-            lag_s=thrusters.lag_s * draw(0.7, 1.3),
-            dead_band_us=min(50.0, max(0.0, thrusters.dead_band_us + draw(-6.0, 6.0))),
-        ),
+        added_kg=added_kg,
+        linear=linear,
+        quadratic=quadratic,
+        buoyancy_n=buoyancy_n,
+        gain=tuple(strength * gain for gain in thrusters.gain),
+        lag_s=thrusters.lag_s * draw(0.7, 1.3),
+        dead_band_us=min(50.0, max(0.0, thrusters.dead_band_us + draw(-6.0, 6.0))),
     )
-    return water(drawn, depth_m=DEPTH_M, current_m_s=0.0)
 
 
 def vehicle_beside(out: Path) -> Path:
