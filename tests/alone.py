@@ -119,7 +119,7 @@ class Learner:
         """Take what one degree of freedom has shown, the others nothing."""
         shown = [observers.NOTHING_SHOWN] * 4
         u, m, c, dt_s = push
-        shown[dof] = model_learner.Shown(Push(u, m, c, dt_s, u), Sample(*sample), math.nan)
+        shown[dof] = model_learner.Shown(Push(u, m, c, dt_s, u), Sample(*sample))
         self.memory = model_learner.learnt(
             self.memory, self.memory.schedule, tuple(shown), learns, self.adapts, dt_s
         )

@@ -73,8 +73,6 @@ class Shown(NamedTuple):
     push: Push
     """Of no time where nothing is to be learnt."""
     sample: Sample
-    begins: float
-    """Where it begins again before that; NaN where it does not."""
 
 
 class LearnerMemory(NamedTuple):
@@ -204,7 +202,6 @@ def _seen(
     here: ObserverParameters, found: Theta, state: ModelState, shown: Shown, angular: bool
 ) -> tuple[ModelState, Evidence]:
     """Return the input of an observer of the vehicle that was found."""
-    state = _begun(state, shown.begins)
     if not shown.push.dt_s > 0.0:
         return state, NO_EVIDENCE
     return vehicle_model.observe(here, found, state, shown.push, shown.sample, angular)

@@ -35,9 +35,6 @@ SHORTEST_S = 1e-9
 MAX_GAP_S = 0.5
 """Over a longer gap rates tell nothing: the first sample after it starts again."""
 
-ZERO_MOVED_M = 0.05
-"""A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
-
 BELIEVABLE = 1e9
 """m, m/s, N or N·m: an estimate that is larger has diverged, for telemetry is bounded where it is decoded. It
 counts as NaN, so that nothing computed from an estimate overflows: `**` would raise."""
@@ -118,12 +115,11 @@ class Inputs(NamedTuple):
     positions: Four[Timed]
     rates: Four[Timed]
     begins: Vector
-    """Where a degree of freedom begins again, as it was not measured for long; NaN where it does not."""
+    """Where a degree of freedom begins again: not measured for long, or from another zero; else NaN."""
     stale: Flags
     telemetry_s: float
     command_s: float
     ahead_s: float
-    armed: bool
     positioned: bool
     """Whether there ever was a horizontal position."""
     learns: Flags
@@ -187,7 +183,7 @@ class Moving(NamedTuple):
 
 
 NO_PUSH = Push(0.0, 1.0, 0.0, 0.0, 0.0)
-NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan), begins=math.nan)
+NOTHING_SHOWN = Shown(push=NO_PUSH, sample=Sample(math.nan, math.nan))
 
 
 def start(observers: Observers) -> ObserversMemory:
@@ -335,7 +331,7 @@ def _observed(
     gain, control = schedule.gain[dof], schedule.dofs[dof].control
     state, since, innovation, shown = _corrected(control, was, push, gain, inputs, to_s, dof)
     if not is_believable(state):
-        shown = Shown(push=NO_PUSH, sample=shown.sample, begins=shown.begins)
+        shown = Shown(push=NO_PUSH, sample=shown.sample)
         mean_d, moving = was.mean_d, _still(math.nan, math.nan, innovation)
         predicting = predictor.interrupted(was.predictor)
     else:
@@ -390,15 +386,11 @@ def _corrected(
         measured_rate + v_dot * clamped(to_s - rate_s, -most_s, most_s),
     )
     e_q, e_v = observer.innovation(state, sample, dof == PSI)
-    begins = math.nan
-    if dof == Z and abs(e_q) > ZERO_MOVED_M and not inputs.armed:
-        state, begins = state._replace(q=state.q + e_q), sample.position
-        sample, e_q = Sample(math.nan, sample.rate), 0.0
     since = (
         of_position if math.isnan(measured) else 0.0,
         of_rate if math.isnan(measured_rate) else 0.0,
     )
-    shown = Shown(push, sample, begins)
+    shown = Shown(push, sample)
     return observer.correct(gains, state, e_q, e_v), since, e_q, shown
 
 
@@ -418,8 +410,6 @@ def _hidden(
     observers: Observers, hidden: HiddenDelayState, shown: Shown, schedule: Schedule
 ) -> HiddenDelayState:
     """Look for hidden delay in what depth shows."""
-    if not math.isnan(shown.begins):
-        hidden = hidden_delay.start(shown.begins, hidden.hidden_s)
     if not shown.push.dt_s > 0.0:
         return hidden
     gain, lag_s = schedule.gain[Z], schedule.dofs[Z].control[0].thrust_lag_s

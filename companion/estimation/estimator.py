@@ -55,6 +55,9 @@ than a short interruption may, is accepted."""
 ARMING_S = 0.5
 """The autopilot sets its zero of depth within this time of arming: no reset."""
 
+ZERO_MOVED_M = 0.05
+"""A disarmed vehicle whose depth jumps by more has a new zero, as arming makes one: that is no motion."""
+
 NOTHING = (math.nan, math.nan)
 """No value, of no time."""
 
@@ -214,7 +217,6 @@ class Estimator:
             telemetry_s=delays.telemetry_s,
             command_s=delays.command_s,
             ahead_s=delays.command_s + self._lead_s,
-            armed=self._heartbeat.armed,
             positioned=self._measured_t_s[X] > -math.inf,
             learns=learns,
             attitude=(attitude.roll, attitude.pitch, attitude.p, attitude.q, attitude.r),
@@ -355,6 +357,8 @@ class Estimator:
         if known and abs(z_m - self._expected_depth_m) > self.max_depth_jump_m:
             self._depth_refused = True
             return
+        if not self._heartbeat.armed and abs(z_m - self._expected_depth_m) > ZERO_MOVED_M:
+            self._begins[Z] = self._expected_depth_m = z_m
         self._position(Z, self._depths.position(at_s, z_m), event.t_s, at_s - self._hidden_s)
 
     def _on_pressure(self, event: events.Pressure) -> None:

@@ -92,7 +92,6 @@ def inputs(
         telemetry_s=at.telemetry_s,
         command_s=at.command_s,
         ahead_s=at.command_s + companion.lead_s,
-        armed=True,
         positioned=positioned,
         learns=(learns and positioned, learns and positioned, learns, learns),
         attitude=(readings.roll, readings.pitch, readings.p, readings.q, readings.r),

@@ -51,7 +51,6 @@ def measured(draw, now_s):
         telemetry_s=draw(delays_s),
         command_s=draw(delays_s),
         ahead_s=draw(delays_s),
-        armed=draw(st.booleans()),
         positioned=draw(st.booleans()),
         learns=draw(flags),
         attitude=(*draw(four(math.pi)), draw(st.floats(-10.0, 10.0))),
