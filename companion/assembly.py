@@ -215,7 +215,7 @@ def _times_s(config: Config, delay_s: float) -> dict[str, list[float]]:
 def control(config: Config) -> Control:
     """Return reference, law and the compensators that were chosen."""
     x, y, z, psi = (axis_control(config, number) for number in range(len(AXES)))
-    return Control(model(config), (x, y, z, psi), config.network.start_delay_s)
+    return Control(model(config), (x, y, z, psi))
 
 
 def predicts(axis: AxisSection) -> bool:

@@ -112,8 +112,6 @@ class GroundStation(Section, frozen=True):
         Literal["hold", "surface", "silence"],
         means("if the pilot is lost: surface: ramp down and hand over to SURFACE; silence; hold: go on"),
     ] = "surface"
-    full_deflection: Annotated[float, within(0.5, 1.0, "a stick so far out overrides its axis")] = 0.95
-    full_deflection_s: Annotated[Patience, means("when the deflection lasts this long")] = 0.3
     engage_button: Annotated[Button, means("clears a fault and engages; -1 for none")] = -1
     release_button: Annotated[Button, means("releases all axes; -1 for none")] = -1
     hold_button: Annotated[Button, means("stops, and holds this place; -1 for none")] = -1
@@ -240,7 +238,6 @@ class Network(Section, frozen=True):
 
     units: Annotated[int, within(1, 100, "logistic units in the hidden layer")] = 10
     seed: Annotated[int, within(0, 2**63 - 1, "of the hidden weights V ~ N(0, 1); W starts at zero")] = 1
-    start_delay_s: Annotated[Patience, means("learning starts this long after engaging")] = 2.0
 
 
 class DelaySection(Section, frozen=True):

@@ -19,6 +19,9 @@ LEAST_GAIN = (0.5, 0.5, 0.0, 0.0)
 """The law takes no vehicle for weaker. A current that turns with the vehicle looks like weak surge and sway,
 and the law that made up for it oscillated (docs/decisions/0026)."""
 
+LEARNS_AFTER_S = 2.0
+"""From engaging; what learns before learns the transient."""
+
 STILL = Orders(
     engaged=(False,) * 4,
     saturated=(False,) * 4,
@@ -31,11 +34,10 @@ STILL = Orders(
 
 
 class Control(NamedTuple):
-    """The model, how each degree of freedom is controlled, and how long after engaging nothing is learnt."""
+    """The model, and how each degree of freedom is controlled."""
 
     model: Model
     axes: Axes4
-    start_delay_s: float
 
 
 class ControlMemory(NamedTuple):
@@ -73,7 +75,7 @@ def demand(
     x, y, z, psi = control.axes
     of_x, of_y, of_z, of_psi = memory.axes
     engaged_s = memory.engaged_s + dt_s
-    if orders.learns and not engaged_s >= control.start_delay_s:
+    if orders.learns and not engaged_s >= LEARNS_AFTER_S:
         orders = orders._replace(learns=False)
 
     aims = (

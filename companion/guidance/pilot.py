@@ -1,7 +1,7 @@
 """The pilot at the ground station: the sticks move the setpoint, or override an axis.
 
 A stick on an axis that is held commands a rate, at most the axis' `max_rate`. Released, it leaves the new
-depth or heading to be held. A stick at full deflection overrides its axis after `full_deflection_s`; the
+depth or heading to be held. A stick at full deflection overrides its axis after FULL_DEFLECTION_S; the
 release button and the firmware's toggles override all axes; the engage button engages, the hold button stops.
 A command of the ground station does what the button does.
 """
@@ -39,6 +39,8 @@ from companion.records import (
 
 STALE_S = 0.5
 """Sticks that came longer ago count as released."""
+FULL_DEFLECTION, FULL_DEFLECTION_S = 0.95, 0.3
+"""A stick that is so far out for so long overrides its axis."""
 
 
 class PilotDemand(NamedTuple):
@@ -68,7 +70,6 @@ class PilotControl:
 
     def __init__(self, config: Config) -> None:
         ground = config.ground_station
-        self._full_deflection, self._full_deflection_s = ground.full_deflection, ground.full_deflection_s
         buttons = (ground.engage_button, ground.release_button, ground.hold_button)
         self._bits = {
             action: 1 << button for action, button in zip(PilotAction, buttons, strict=True) if button >= 0
@@ -220,10 +221,10 @@ class PilotControl:
         Surge and sway turn into x and y: either overrides both.
         """
         self._full_s = vector(
-            full_s + dt_s if is_held and abs(deflection) >= self._full_deflection else 0.0
+            full_s + dt_s if is_held and abs(deflection) >= FULL_DEFLECTION else 0.0
             for full_s, deflection, is_held in zip(self._full_s, deflections, held, strict=True)
         )
-        surge, sway, heave, yaw = (full_s > self._full_deflection_s for full_s in self._full_s)
+        surge, sway, heave, yaw = (full_s > FULL_DEFLECTION_S for full_s in self._full_s)
         return (surge or sway, surge or sway, heave, yaw)
 
 
