@@ -37,7 +37,7 @@ from companion.records import ZERO, Condition, ControlSample, DiveTotals, LoopHe
 from companion.steps import Task
 from companion.telemetry.event_log import EventLog
 from companion.telemetry.glossary import advised, on_engaging, whole
-from companion.telemetry.operator_commands import SetPath
+from companion.telemetry.operator_commands import CommandResult, SetPath
 from companion.telemetry.schemas import Choices, Event, Plan, Raw, Start
 from companion.telemetry.status_line import status_line
 from holdfast import own_version, version
@@ -227,7 +227,7 @@ class App:
             if self._ground is not None:
                 self._relay.withhold = engine.steering
             self._silent = Condition.LINK_LOST in sample.verdict.conditions
-            commands.after_tick(engine, sample, now_s)
+            results = commands.after_tick(engine, sample, now_s)
             if self._manoeuvre is not None:
                 asks = self._manoeuvre.step(engine, sample)
                 self._requests, self._excitation = [*asks.requests], asks.excitation
@@ -238,7 +238,9 @@ class App:
             self._ride_out(error)
             return
         raw = None if self._start is None else self._raw(now_s, datagrams, ground, out, requests, given)
-        self._tell(now_ns, sample, peers, raw, given)
+        if given.config is not None:
+            self._publisher.config = msgspec.json.encode(given.config)
+        self._tell(now_ns, sample, peers, raw, results)
         if not self._works_between:
             self._between_ticks()
 
@@ -260,15 +262,17 @@ class App:
         )
 
     def _tell(
-        self, now_ns: int, sample: ControlSample, peers: Sequence[str], raw: Raw | None, given: EngineInput
+        self,
+        now_ns: int,
+        sample: ControlSample,
+        peers: list[str],
+        raw: Raw | None,
+        results: list[CommandResult],
     ) -> None:
         """Publish and log this tick. What fails of it is told, and disturbs neither the rest nor the tick."""
-        if given.config is not None:
-            self._publisher.config = msgspec.json.encode(given.config)
-        duplicates = _drained(self._publisher.duplicate_instances)
+        duplicates, beside = _drained(self._publisher.duplicate_instances), self._beside.do
         told = [*peers, *_drained(self._beside.told, self._publisher.beside.told)]
         events: list[Event] = []
-        beside, results = self._beside.do, self._commands.results
         beside("events", lambda: events.extend(self._event_log.step(sample, results, duplicates, told)))
         beside("telemetry", lambda: self._publisher.offer(sample, raw, events, self._plan(now_ns, sample)))
         beside("the pilot's display", lambda: self._to_pilot(self._engine.displayed(sample, events)))

@@ -28,8 +28,7 @@ class Console:
         given = self.commands.before_tick(self.engine, now_s)
         self.given.append(given)
         out, sample = self._tap.step(now_s, inbox, health, [*requests, *given.requests], excitation)
-        self.commands.after_tick(self.engine, sample, now_s)
-        self.results += self.commands.results
+        self.results += self.commands.after_tick(self.engine, sample, now_s)
         return out, sample
 
     def ask(self, name, **what):

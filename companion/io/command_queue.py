@@ -122,11 +122,9 @@ class CommandQueue:
     """Takes commands between ticks, gives them to the engine, answers after the tick."""
 
     started_with: Config
-    results: list[commands.CommandResult] = field(default_factory=list)
-    """What was answered in this tick."""
-
     _waiting: deque[_Command] = field(default_factory=deque)
     _taken: list[_Command] = field(default_factory=list)
+    _answered: list[commands.CommandResult] = field(default_factory=list)
     _withdraw: bool = False
     _kept: str = ""
     """What engaging does beside holding."""
@@ -165,7 +163,6 @@ class CommandQueue:
 
     def before_tick(self, engine: Controllable, now_s: float) -> EngineInput:
         """Give the next command to the engine; return what it got, requests to be asked in this tick."""
-        self.results = []
         given = EngineInput([Request.WITHDRAW] if self._withdraw else [])
         self._withdraw = False
         if not self._ready() or (isinstance(self._waiting[0].payload, commands.Engage) and engine.reads):
@@ -182,8 +179,10 @@ class CommandQueue:
         self._taken.append(command)
         return given
 
-    def after_tick(self, engine: Controllable, sample: ControlSample, now_s: float) -> None:
-        """Answer what has been settled by this tick."""
+    def after_tick(
+        self, engine: Controllable, sample: ControlSample, now_s: float
+    ) -> list[commands.CommandResult]:
+        """Answer what has been settled by this tick; return all that was answered since the last one."""
         taken, self._taken = self._taken, []
         for command in taken:
             try:
@@ -196,6 +195,8 @@ class CommandQueue:
                 self._answer(command, reply)
         if not any(sample.dofs.engaged):
             self._kept = sample.guided.pending
+        answered, self._answered = self._answered, []
+        return answered
 
     def _ready(self) -> bool:
         """Tell whether the next command can be taken.
@@ -375,7 +376,7 @@ class CommandQueue:
         name, payload = command.received.name, command.payload
         known = commands.COMMANDS.get(name)
         order = in_words(payload) if payload else known.order if known else name[:40]
-        self.results.append(commands.CommandResult(order, reply))
+        self._answered.append(commands.CommandResult(order, reply))
         command.received.answer(reply)
 
 

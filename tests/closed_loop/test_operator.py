@@ -226,19 +226,21 @@ def test_engage_is_refused_where_a_parameter_is_never_read():
     assert "MAV_GCS_SYSID was not reported" in reply.said
 
 
-def test_the_log_line_is_bounded_whatever_came():
+def test_the_log_line_is_bounded_whatever_came(make_sample):
     commands = CommandQueue(load_config())
     commands.put(ReceivedCommand("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
-    assert len(commands.results[0].text) < 1000
+    (result,) = commands.after_tick(_Untouchable(), make_sample(), 0.0)
+    assert len(result.text) < 1000
 
 
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
-def test_an_order_forges_no_line_of_the_log(payload):
+def test_an_order_forges_no_line_of_the_log(payload, make_sample):
     commands = CommandQueue(load_config())
     commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
-    assert commands.results[0].text.isprintable()
+    (result,) = commands.after_tick(_Untouchable(), make_sample(), 0.0)
+    assert result.text.isprintable()
 
 
 def test_a_setpoint_leaves_the_depth_where_the_pilots_stick_took_it():

@@ -61,7 +61,7 @@ from companion.records import (
 )
 from companion.steps import Task
 from companion.telemetry.event_log import EventLog
-from companion.telemetry.operator_commands import COMMANDS
+from companion.telemetry.operator_commands import COMMANDS, CommandResult
 from companion.telemetry.plan import PathPlan
 from companion.telemetry.schemas import Plan, Raw, Reply, to_json
 from companion.telemetry.status_line import status_line
@@ -665,7 +665,7 @@ class Fuzzed:
         given = self._queue.before_tick(self.engine, now_s)
         asked = (*presses, *given.requests)
         out, sample = self.engine.step(now_s, inbox, loop, asked, pilot, excitation)
-        self._queue.after_tick(self.engine, sample, now_s)
+        results = self._queue.after_tick(self.engine, sample, now_s)
         self._between_ticks(sample)
         if self._relay is not None:
             self._relay.withhold = self.engine.steering
@@ -673,15 +673,15 @@ class Fuzzed:
         self._promises.hold(now_s, out, sample, asked, steers=self.engine.steering)
         hold_telemetry(sample)
         self._tally.paths += given.order is not None and given.order[0] == "follow"
-        self._tell(sample)
+        self._tell(sample, results)
         tick = Raw(tick=loop.tick, now_s=now_s, heard=inbox, ground=pilot, out=out, order=given.order)
         msgspec.msgpack.encode(tick)
         self._sample = sample
         return [*passed, *out], sample
 
-    def _tell(self, sample: ControlSample) -> None:
+    def _tell(self, sample: ControlSample, results: Sequence[CommandResult]) -> None:
         """Do what the process does beside the tick: events, the pilot's display, the log's line."""
-        events = self._event_log.step(sample, self._queue.results)
+        events = self._event_log.step(sample, results)
         for event in events:
             to_json(event)
             promise(event.text.isprintable(), f"a line of the log that is none: {event.text!r}")
