@@ -416,10 +416,8 @@ def _balanced(group: Group, t: Four, forces: Four) -> Four:
 
 def _missing(demand: float, force: float) -> tuple[float, float]:
     """Return by how much a motor's push falls short of `force` (N), and the demand per newton around it."""
-    i, low = _along(demand - SLOPE_STEP, RISING_PUSH, DEAD_BAND)
-    j, push = _along(demand, RISING_PUSH, i)
-    _, high = _along(demand + SLOPE_STEP, RISING_PUSH, j)
-    rise = high - low
+    rise = interpolated(demand + SLOPE_STEP, RISING_PUSH) - interpolated(demand - SLOPE_STEP, RISING_PUSH)
+    push = interpolated(demand, RISING_PUSH)
     return force - push, 2.0 * SLOPE_STEP / (MIN_SLOPE_N if rise < MIN_SLOPE_N else rise)
 
 
@@ -475,21 +473,21 @@ def reserve(thrusters: Thrusters, axes: Axes, reach: Axes) -> float:
 
 def interpolated(x: float, curve: Curve) -> float:
     """Return a curve's value at x; NaN for NaN."""
-    return _along(x, curve, DEAD_BAND)[1]
-
-
-def _along(x: float, curve: Curve, k: int) -> tuple[int, float]:
-    """Return the segment of x, looked for from segment k on, and the curve's value at x."""
     points, values, slopes = curve
-    if x <= points[0]:
-        return 0, values[0]
-    if x >= points[LAST]:
-        return LAST - 1, values[LAST]
-    while x < points[k]:
-        k -= 1
-    while x > points[k + 1]:
+    k = DEAD_BAND
+    if x > points[k + 1]:
+        if x >= points[LAST]:
+            return values[LAST]
         k += 1
-    return k, values[k] + slopes[k] * (x - points[k])
+        while x > points[k + 1]:
+            k += 1
+    elif x < points[k]:
+        if x <= points[0]:
+            return values[0]
+        k -= 1
+        while x < points[k]:
+            k -= 1
+    return values[k] + slopes[k] * (x - points[k])
 
 
 def _load(newtons: float) -> float:
