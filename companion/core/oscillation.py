@@ -54,7 +54,7 @@ RELAPSE_SHARE = 0.7
 FORGET_S = 600.0
 """The gains grow beyond that share at 1/FORGET_S per second."""
 
-MEAN_S = 1.0
+MEAN_S = 0.5
 
 
 class Parameters(NamedTuple):
