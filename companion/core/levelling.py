@@ -12,7 +12,7 @@
 | p, q    | their body rates                                     | rad/s      |
 | I       | inertia with the added mass                          | kg m²      |
 | ω       | frequency, as high as delay and guard allow          | rad/s      |
-| τ, τ_f  | the thrusters' lag, and what of it is left           | s          |
+| τ, τ_f  | the nominal thrusters' lag, and what of it is left   | s          |
 | z       | how far below the centre of gravity X and Y push     | m          |
 | μ       | Munk moment for a radian and a newton of mean push   | m          |
 | X, Y    | forces of the horizontal thrusters, forward, right   | N          |
@@ -86,8 +86,6 @@ class Response(NamedTuple):
     """Delay from sensor to motor."""
     gain: float
     """Relative to the nominal vehicle: its inertia is I/gain."""
-    lag_s: float
-    """τ; thrusters quicker than the nominal ones are led less."""
     adapts: bool
     """Whether what was found of z is used."""
 
@@ -178,7 +176,7 @@ def level(
     pushed_n = state.pushed_n + (turn.force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
     omega, stiffness = softened(levelling, state.oscillation.gain_scale, pushed_n, response.delay_s)
     inertia = levelling.inertia / response.gain
-    lead = max(min(response.lag_s, levelling.lag_s) / FILTER_S - 1.0, 0.0)
+    lead = max(levelling.lag_s / FILTER_S - 1.0, 0.0)
     ahead = turn.angle + response.delay_s * turn.rate
     a = stiffness * ahead + 2.0 * omega * turn.rate
     slow = a if math.isnan(state.slow) else state.slow

@@ -208,7 +208,6 @@ def known_of(
     response = Response(
         delay_s=motion.delay_s,
         gain=model.gain[Z] if adapts else 1.0,
-        lag_s=model.lag_s[Z],
         adapts=adapts,
     )
     tilt = Tilt(

@@ -41,21 +41,17 @@ class Vehicle:
         self.states = [START, START]
 
 
-def stepped(
-    part, state, angle, rate, force, delay_s=NEAR_S, *, learn=True, gain=1.0, lag_s=LAG_S, adapts=True
-):
+def stepped(part, state, angle, rate, force, delay_s=NEAR_S, *, learn=True, gain=1.0, adapts=True):
     turn = Turn(angle, rate, force, moment=0.0, learns=learn, straight=True)
-    return level(part, state, turn, Response(delay_s, gain, lag_s, adapts), TICK_S)
+    return level(part, state, turn, Response(delay_s, gain, adapts), TICK_S)
 
 
-def moments(
-    angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False, gain=1.0, lag_s=LAG_S
-):
+def moments(angles=REST, rates=REST, force=REST, delay_s=NEAR_S, *, of=None, learn=False, gain=1.0):
     """Return K and M beside the forces X and Y."""
     vehicle = of or Vehicle()
     X, Y = force
     found = [
-        stepped(part, state, angle, rate, push, delay_s, learn=learn, gain=gain, lag_s=lag_s)
+        stepped(part, state, angle, rate, push, delay_s, learn=learn, gain=gain)
         for part, state, angle, rate, push in zip(
             vehicle.parts, vehicle.states, angles, rates, (Y, X), strict=True
         )
