@@ -32,7 +32,7 @@ from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z, vector
 REPORT_TICKS = 10
 """What was found is reported every this many ticks: nothing steers by it."""
 
-SURE_OF_LESS = (2.5, 2.5, 3.0, 1.5)
+SURE_OF_LESS = (2.5, 2.5, 3.5, 1.5)
 """Standard deviations from which on surge, sway, heave and yaw count as answering less: more would be
 asked of them. Waves look like a vehicle that answers less, in heave by a quarter (decision 49)."""
 

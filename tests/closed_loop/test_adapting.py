@@ -11,7 +11,7 @@ from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import water
 from lab.studies import corners
 from lab.studies.corners import Cell, dive
-from lab.studies.trials import DEPTH_M, Trial, path
+from lab.studies.trials import DEPTH_M, Trial, light, path
 from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.sim_config import load_config as load_plant
 
@@ -54,6 +54,21 @@ def test_a_heavy_and_late_vehicle_is_known_after_its_first_approach_and_follows_
     assert steps[-1].sample.state.delays.hidden_s < 0.02
     error_m = np.array([step.truth.eta[Z] - step.sample.dofs.x_d[Z] for step in steps if step.t_s > 25.0])
     assert 1e3 * error_m.std() < 8.5
+
+
+@pytest.mark.parametrize("seed", [9001, 9003, 9004])
+def test_a_light_vehicle_without_lag_is_not_taken_for_a_late_one(seed: int) -> None:
+    """Its cycles show that its motors are quick: 0.38 s was found, and the path missed by 13 to 17 mm."""
+    trial = light(seed, moves=True)
+    with engaging(
+        load_config(), trial.plant, trial.target(0.0), seed, link=trial.link, surveyed=True
+    ) as loop:
+        steps = list(loop.run(85.0, trial.target))
+    model = steps[-1].sample.state.model
+    assert model is not None
+    assert model.found_lag_s[Z] < 0.05
+    error_m = np.array([step.truth.eta[Z] - step.sample.dofs.x_d[Z] for step in steps if step.t_s > 25.0])
+    assert 1e3 * error_m.std() < 11.0
 
 
 def test_waves_of_the_paths_own_period_are_not_taken_for_inertia() -> None:

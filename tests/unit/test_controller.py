@@ -77,7 +77,7 @@ def test_while_the_loop_swings_an_estimate_becomes_thrust_slowly_and_in_the_end_
         swing = 0.5 * load * np.sin(2.0 * np.pi * 1.5 * i * TICK_S)
         swinging.append(tick(c, state(disturbance=load + swing), Setpoint((0.0,) * 4)).d_hat)
     settled = np.array(swinging)[-500:]
-    assert (np.ptp(settled, axis=0) < 0.15 * np.abs(load)).all()
+    assert (np.ptp(settled, axis=0) < 0.25 * np.abs(load)).all()
     np.testing.assert_allclose(settled.mean(0), load, rtol=0.02)
     c.set_gain_scale(1.0)
     np.testing.assert_allclose(tick(c, state(disturbance=-load), Setpoint((0.0,) * 4)).d_hat, -load)
