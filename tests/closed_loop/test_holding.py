@@ -84,6 +84,11 @@ CASES = {
         depth_rms_mm=10.0,
         depth_peak_mm=50.0,
     ),
+    "a load of nine tenths of the thrust, for good": Case(
+        vehicle=("load.enabled=true", "load.weight_n=90", "load.on_s=4.0", "load.off_s=1e4"),
+        settled_s=20.0,
+        duration_s=30.0,
+    ),
     "tugging tether": Case(
         vehicle=("tether.enabled=true", "tether.sigma_n=[2,2,5]", "tether.tau_s=5.0"), depth_rms_mm=8.0
     ),
