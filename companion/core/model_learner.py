@@ -201,7 +201,7 @@ def learnt(
 def _seen(
     here: ObserverParameters, found: Theta, state: ModelState, shown: Shown, angular: bool
 ) -> tuple[ModelState, Evidence]:
-    """Return the input of an observer of the vehicle that was found."""
+    """Return what an observer of the vehicle that was found sees, and what that says of the vehicle."""
     if not shown.push.dt_s > 0.0:
         return state, NO_EVIDENCE
     return vehicle_model.observe(here, found, state, shown.push, shown.sample, angular)

@@ -84,9 +84,12 @@ def warnings(log: Log) -> list[str]:
         + (f", {len(seen_s)} times until {seen_s[-1]:.1f} s" if len(seen_s) > 1 else "")
         for text, seen_s in times.items()
     ]
-    steps = np.diff(log.keys["loop"]["tick"])
-    missing = np.clip(steps - 1, 0, None)[steps > 0].sum()
-    said += [f"{missing:.0f} ticks are missing in the file"] * bool(missing) + log.notes
+    steps, late = np.diff(log.keys["loop"]["tick"]), np.diff(log.keys["loop"]["late_ticks"])
+    lost = {
+        "ticks were left out by the loop, which was late": np.clip(late, 0, None).sum(),
+        "ticks are missing in the file": np.clip(steps - 1, 0, None)[steps > 0].sum(),
+    }
+    said += [f"{count:.0f} {what}" for what, count in lost.items() if count] + log.notes
     if not any(span.state == "ACTIVE" for span in log.spans):
         said.append("it never engaged: errors are about the mean of each flight mode")
     return said

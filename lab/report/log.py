@@ -84,6 +84,8 @@ def load(files: Sequence[Path]) -> Log:
     timed: dict[str, list[tuple[float, Any]]] = {
         tail: [((ns - began_ns) / 1e9, record) for ns, record in samples] for tail, samples in rows.items()
     }
+    dropped = max((now.dropped for _, now in timed.get("recorder", [])), default=0)
+    notes += [f"{dropped} messages were dropped by the recorder"] * bool(dropped)
     keys = {tail: _columns(timed[tail]) for tail in telemetry.EVERY_TICK if tail != "supervisor"}
     spans = _spans((at_s, now.state, now.reason) for at_s, now in timed["supervisor"])
     modes = _spans(

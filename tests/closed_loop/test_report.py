@@ -55,8 +55,8 @@ def steps(sea: str) -> list[Step]:
     return done
 
 
-def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
-    """Record a dive; `change` spoils the samples."""
+def written(path: Path, dive: list[Step], change: Change | None = None, dropped: int = 0) -> Path:
+    """Record a dive; `change` spoils the samples, and the recorder says that it dropped some messages."""
     recording = Recording(path)
     recording.describe("holdfast", {"holdfast": "0.1.0", "git": "abc<script>", "vehicle": "kelp"})
     recording.describe("config", {"json": readable(msgspec.json.encode(load_config()))})
@@ -71,6 +71,17 @@ def written(path: Path, dive: list[Step], change: Change | None = None) -> Path:
         event = telemetry.Event(t_s=0.0, boot_s=0.0, severity="warning", kind="autopilot", text=text)
         stamp = UTC_NS + round(1e9 * at_s)
         recording.add(Item(key, encoding, msgspec.json.encode(event), stamp, stamp))
+    status: dict[str, Any] = {
+        "recording": True,
+        "file": "",
+        "size_bytes": 0,
+        "messages": 0,
+        "free_bytes": 0,
+        "said": "",
+    }
+    recorder = telemetry.Recorder(t_s=0.0, boot_s=0.0, dropped=dropped, **status)
+    key, encoding = telemetry.published("kelp", "recorder")
+    recording.add(Item(key, encoding, msgspec.json.encode(recorder), stamp, stamp))
     recording.close()
     return path
 
@@ -132,7 +143,11 @@ def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
 def test_warnings_stand_before_all_else_and_each_is_said_once(
     in_waves: list[Step], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = written(tmp_path / "kelp.mcap", [*in_waves[: 10 * 50], *in_waves[11 * 50 : 20 * 50]])
+    def late(t_s: float, sample: ControlSample) -> ControlSample:
+        return replace(sample, loop=replace(sample.loop, late_ticks=3 * (t_s > 8.0)))
+
+    some = [*in_waves[: 10 * 50], *in_waves[11 * 50 : 20 * 50]]
+    path = written(tmp_path / "kelp.mcap", some, late, dropped=7)
     path.write_bytes(path.read_bytes()[:-500])
     assert main([str(path)]) == 0
     html = path.with_suffix(".html").read_text()
@@ -142,7 +157,12 @@ def test_warnings_stand_before_all_else_and_each_is_said_once(
     assert "earlier" not in html, "it came before the recording"
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("* ")]
     assert len(said) == len(shown)
-    for words in ("2 times until", "50 ticks are missing in the file", "was cut"):
+    lost = (
+        "3 ticks were left out by the loop",
+        "50 ticks are missing in the file",
+        "7 messages were dropped",
+    )
+    for words in ("2 times until", *lost, "was cut"):
         assert sum(words in line for line in said) == 1
 
 
