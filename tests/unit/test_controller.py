@@ -62,7 +62,7 @@ def each(name):
 def test_the_observers_disturbance_is_met_where_it_is_chosen_and_bounded():
     d = (5.0, -3.0, 900.0, -900.0)
     sample = tick(at_rest(*each("observer")), state(disturbance=d), Setpoint((0.0,) * 4))
-    np.testing.assert_allclose(sample.d_hat, [5.0, -3.0, 60.0, -6.0])
+    np.testing.assert_allclose(sample.d_hat, [5.0, -3.0, 100.0, -6.0])
     np.testing.assert_allclose(sample.tau, sample.d_hat, atol=1e-9)
     np.testing.assert_array_equal(sample.d_observer, d)
 
