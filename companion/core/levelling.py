@@ -72,8 +72,8 @@ class Levelling(NamedTuple):
     lever_m: float
     """z for roll, whose force is Y; −z for pitch, whose force is X: as it was told."""
     max_moment_nm: float
-    lag_s: float
-    """τ of the nominal thrusters."""
+    lead: float
+    """τ / τ_f − 1, not below zero."""
     munk_m: float
     """μ, m."""
     oscillation: oscillation.Parameters
@@ -162,7 +162,8 @@ def levelling_of(
     limits = oscillation.Parameters(
         max_moment_nm, oscillation.LEVELLING_SHARE * max_moment_nm, LEAST_SHARE, math.inf
     )
-    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lag_s, munk_m, limits)
+    lead = max(lag_s / FILTER_S - 1.0, 0.0)
+    return Levelling(inertia, frequency_radps, lever_m, max_moment_nm, lead, munk_m, limits)
 
 
 NO_LEVELLING = levelling_of(1.0, 0.0, 0.0, 0.0, 0.0)
@@ -176,12 +177,11 @@ def level(
     pushed_n = state.pushed_n + (turn.force - state.pushed_n) * (1.0 - math.exp(-dt_s / PUSHED_S))
     omega, stiffness = softened(levelling, state.oscillation.gain_scale, pushed_n, response.delay_s)
     inertia = levelling.inertia / response.gain
-    lead = max(levelling.lag_s / FILTER_S - 1.0, 0.0)
     ahead = turn.angle + response.delay_s * turn.rate
     a = stiffness * ahead + 2.0 * omega * turn.rate
     slow = a if math.isnan(state.slow) else state.slow
     slow = slow + (a - slow) * (1.0 - math.exp(-dt_s / FILTER_S))
-    feedback = -inertia * (a + lead * (a - slow))
+    feedback = -inertia * (a + levelling.lead * (a - slow))
 
     integral, seen, lever = state.integral, state.oscillation, state.lever
     if turn.learns:

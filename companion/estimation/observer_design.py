@@ -16,15 +16,12 @@ from companion.config import Config, ConfigError
 from companion.core.model_learner import Tables
 from companion.core.observer import INTERVALS, FiveNodes, ObserverParameters, ObserverState, ObserverTable
 from companion.core.positioning import Model
-from companion.core.vehicle_model import DISTURBANCE_RATIO, MOST_LAG_S, MOST_LOG_GAIN
+from companion.core.vehicle_model import DISTURBANCE_RATIO, LEAST_LAG_S, MOST_LAG_S, MOST_LOG_GAIN
 from companion.records import Z, vector
 from companion.steps import Steps
 
 DOUBLINGS = 40
 """2^40 ticks: the recursion has settled long before."""
-
-LEAST_LAG_S = 0.02
-"""Shortest thruster lag of a table."""
 
 TYPICAL_RATE = 0.1
 """m/s, rad/s: the rate at which the drag is taken for the Kalman gain."""
