@@ -42,7 +42,7 @@ class Phase(NamedTuple):
     mode: str
     begin_s: float
     end_s: float
-    held: dict[str, dict[str, float]] = {}  # noqa: RUF012
+    held: dict[str, dict[str, float]]
     """For each degree of freedom the figures by their words in the table, mm or degrees: errors while the
     reference rested, SD and the band of 95 % about their mean. NaN: it never moved, or another steered."""
 
@@ -65,7 +65,8 @@ def phases(log: Log) -> list[Phase]:
     engaged = [span for span in log.spans if span.state == "ACTIVE" and span.end_s > span.begin_s]
     modes = [span for span in log.modes if span.state and span.end_s - span.begin_s >= SHORTEST_S]
     begun = [
-        Phase("Holdfast" if engaged else span.state, span.begin_s, span.end_s) for span in engaged or modes
+        Phase("Holdfast" if engaged else span.state, span.begin_s, span.end_s, {})
+        for span in engaged or modes
     ]
     return [
         phase._replace(held={dof: found for dof in AXES if (found := _held(log, phase, dof))})
