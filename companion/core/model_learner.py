@@ -30,7 +30,7 @@ from companion.core.vehicle_model import (
 from companion.records import PSI, Flags, Vector, VehicleModel, X, Y, Z, vector
 
 REPORT_TICKS = 10
-"""What was found is reported every this many ticks: nothing steers by it."""
+"""Ticks between two reports of what was found: no control uses them."""
 
 SURE_OF_LESS = (2.5, 2.5, 3.5, 1.5)
 """Standard deviations from which on surge, sway, heave and yaw count as answering less: more would be

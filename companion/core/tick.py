@@ -20,7 +20,7 @@ from companion.core.reference import Reference
 from companion.records import PSI, ZERO, Axes, Vector, VehicleModel, X, Y, Z, without
 
 WATCH_TICKS = 4
-"""The thrusters are watched every this many ticks: it takes 70 µs, and the vehicle turns slowly."""
+"""Ticks between two looks at the thrusters: one takes 70 µs, and the vehicle turns slowly."""
 
 
 class Parameters(NamedTuple):

@@ -40,7 +40,7 @@ from companion.records import (
 STALE_S = 0.5
 """Sticks that came longer ago count as released."""
 FULL_DEFLECTION, FULL_DEFLECTION_S = 0.95, 0.3
-"""A stick that is so far out for so long overrides its axis."""
+"""Share of its travel, and time: a stick beyond the one for longer than the other overrides its axis."""
 
 
 class PilotDemand(NamedTuple):
