@@ -10,6 +10,9 @@ MESSAGES = 20
 """So many stamps in a row that lie back by more than BACK_S, or are ahead of the clock by more than AHEAD_S,
 are a new clock. A late datagram and an absurd stamp stand alone."""
 
+SOUND_S = 1.0
+"""No clock is new while messages of another kind have come with the old one within this time."""
+
 
 class Freshness:
     """Passes events without a stamp, and of those with one only what is newer than the last of its kind.
@@ -21,6 +24,8 @@ class Freshness:
         self._last_s: dict[type[Event], float] = {}
         self._strange: dict[type[Event], int] = {}
         """Strange stamps in a row, by kind of event."""
+        self._sound: dict[type[Event], tuple[float, float]] = {}
+        """When kinds that are not strange came last since the first strange stamp, and their stamps."""
         self._offset_s = math.inf
         """The most by which a stamp was ahead of our clock; infinite before the first."""
 
@@ -35,16 +40,24 @@ class Freshness:
             kind, offset_s = type(event), boot_s - event.t_s
             last_s = self._last_s.get(kind, -math.inf)
             if boot_s < last_s - BACK_S or offset_s > self._offset_s + AHEAD_S:
+                if not self._strange:
+                    self._sound.clear()
                 self._strange[kind] = self._strange.get(kind, 0) + 1
+                self._sound.pop(kind, None)
                 if sum(self._strange.values()) < MESSAGES:
                     continue
-                self._last_s.clear()
-                self._strange.clear()
-                self._offset_s = math.inf
-                fresh.append(Reboot(event.t_s))
+                sound_s = [at_s for came_s, at_s in self._sound.values() if event.t_s - came_s <= SOUND_S]
+                if not sound_s:
+                    self._last_s.clear()
+                    self._strange.clear()
+                    self._offset_s = math.inf
+                    fresh.append(Reboot(event.t_s))
+                elif abs(boot_s - max(sound_s)) > BACK_S or self._strange[kind] < MESSAGES:
+                    continue
             elif boot_s <= last_s:
                 continue
             self._strange.pop(kind, None)
+            self._sound[kind] = event.t_s, boot_s
             self._last_s[kind] = boot_s
             self._offset_s = offset_s if self._offset_s == math.inf else max(self._offset_s, offset_s)
             fresh.append(event)

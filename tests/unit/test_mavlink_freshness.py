@@ -57,3 +57,24 @@ def test_a_clock_that_stays_back_is_a_reboot() -> None:
     assert isinstance(after[0], Reboot)
     assert after[1:] == [depth(1.0 + 0.02 * i) for i in range(MESSAGES - 1, MESSAGES + 5)]
     assert fresh.drop_stale([attitude(2.0)]) == [attitude(2.0)]
+
+
+def test_one_kind_with_strange_stamps_is_no_reboot() -> None:
+    for strange_s in (3605.0, 0.0):
+        fresh = Freshness()
+        fresh.drop_stale([depth(5.0), attitude(5.0)])
+        both = [(Attitude(t_s, 5.0 + t_s, *[0.0] * 6), Depth(t_s, strange_s, 1.0)) for t_s in TIMES_S]
+        assert fresh.drop_stale(event for pair in both for event in pair) == [good for good, _ in both]
+        right = [Depth(4.0 + t_s, 9.0 + t_s, 1.0) for t_s in TIMES_S]
+        assert fresh.drop_stale(right) == right
+
+
+def test_a_reboot_is_noticed_though_a_kind_stays_away_after_it() -> None:
+    fresh = Freshness()
+    for t_s in TIMES_S:
+        fresh.drop_stale([Depth(t_s, 500.0 + t_s, 1.0), Attitude(t_s, 500.0 + t_s, *[0.0] * 6)])
+    after = fresh.drop_stale(Depth(9.0 + t_s, 1.0 + t_s, 1.0) for t_s in TIMES_S)
+    assert isinstance(after[0], Reboot)
+
+
+TIMES_S = [0.02 * i for i in range(1, 200)]
