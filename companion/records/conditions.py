@@ -300,8 +300,8 @@ class Condition(IntFlag):
     )
     OFF_TRACK = (
         "too far from the setpoint",
-        "by more than max_error_m or max_error_deg for off_track_s; the 5 s after a motor was found dead or "
-        "reversed do not count",
+        "by more than max_error_m or max_error_deg for off_track_s, less the time in which it was not; the "
+        "5 s after a motor was found dead or reversed do not count",
         "look for the cause: tether, current, a dead or reversed thruster",
         "near the setpoint again",
     )

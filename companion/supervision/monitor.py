@@ -168,7 +168,10 @@ class Monitor:
             watched.saturated_s = watched.pull_n = 0.0
         elif dofs is not None:
             self._count_saturated(observed, dofs, limits, paused=bool(paused))
-        watched.off_track_s = _lasting(watched.off_track_s, dt_s, holds=off_track and not recovers)
+        # A vehicle that turns round and round is on its heading once in each turn.
+        counted_s = watched.off_track_s + (dt_s if off_track else -dt_s)
+        steers = previous.authority > 0.0 or bool(paused)
+        watched.off_track_s = max(counted_s, 0.0) if steers and not recovers else 0.0
         watched.tilted_s = _lasting(watched.tilted_s, dt_s, holds=far)
         if paused:
             watched.interruption, self._interrupted_t_s = paused, state.t_s

@@ -99,6 +99,17 @@ def test_six_thrusters_are_upright_without_a_hand_over_that_could_not_right_them
     assert tilt_deg(steps[-250:]).max() < 5.0
 
 
+def test_all_horizontal_ones_turn_the_vehicle_round_and_round_and_that_is_no_heading():
+    dive = holding()
+    for motor in (1, 2, 3, 4):
+        dive.fault("thruster", thruster=motor, value=-1.0)
+    steps = dive.run(20.0)
+    ended = next(step for step in steps if step.sample.verdict.state is not State.ACTIVE)
+    assert ended.sample.verdict.state is State.HAND_OVER
+    assert ended.sample.verdict.reason == Condition.OFF_TRACK.text
+    assert "reversed thruster" in ended.sample.verdict.remedy
+
+
 def test_the_motor_that_was_put_right_on_deck_is_not_turned_again():
     dive = begun(turned(5))
     dive.run(4.0)

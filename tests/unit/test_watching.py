@@ -96,13 +96,21 @@ def test_changes_are_reported_reading_is_not_one(seen):
     assert not seen.later(ANNOUNCED_S + 0.01).config_changed
 
 
-@pytest.mark.parametrize("field", ["battery_low_s", "off_track_s"])
-def test_how_long_it_lasts_starts_anew_after_a_break(seen, field):
+def test_how_long_it_lasts_starts_anew_after_a_break(seen):
     low = structs.replace(RESTING, voltage_v=LIMITS.min_voltage_v - 0.1)
-    far = Dofs((False,) * 4, (0.0, 0.0, LIMITS.max_error_m + 0.1, 0.0))
-    assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(TICK_S)
-    assert getattr(seen.step(state=low, dofs=far), field) == pytest.approx(2 * TICK_S)
-    assert getattr(seen.step(dofs=Dofs()), field) == 0.0
+    assert seen.step(state=low).battery_low_s == pytest.approx(TICK_S)
+    assert seen.step(state=low).battery_low_s == pytest.approx(2 * TICK_S)
+    assert seen.step().battery_low_s == 0.0
+
+
+def test_off_track_is_counted_back_while_it_is_on_track_and_forgotten_when_nobody_steers(seen):
+    """A vehicle that turns round and round is on its heading once in each turn."""
+    far = Dofs((False,) * 4, (0.0, 0.0, 0.0, radians(LIMITS.max_error_deg + 1.0)))
+    for _ in range(3):
+        off_track_s = seen.step(dofs=far).off_track_s
+    assert off_track_s == pytest.approx(3 * TICK_S)
+    assert seen.step(dofs=Dofs()).off_track_s == pytest.approx(2 * TICK_S)
+    assert seen.step(dofs=Dofs(), authority=0.0).off_track_s == 0.0
 
 
 def test_what_lasts_goes_on_while_telemetry_is_interrupted(seen):
