@@ -10,10 +10,11 @@
 """
 
 import math
+from collections.abc import Sequence
 
 from companion.core.attitude import angle_rates
 from companion.core.bounds import wrap
-from companion.records.events import Attitude
+from companion.records.events import Attitude, Position
 
 FROZEN_S, IN_A_ROW = 0.4, 5
 """A fine signal that repeats for this time, and this often, is frozen. On two real vehicles, one on a
@@ -190,6 +191,27 @@ class DepthAnswers:
         return t_s, ""
 
 
+class PositionAnswers:
+    """Horizontal position and velocity. Fixes move the one without the other, so only repeats count."""
+
+    NAMES = ("north", "east", "velocity north", "velocity east")
+
+    def __init__(self) -> None:
+        self._repeats = [ExactRepeats() for _ in self.NAMES]
+        self._partners = [Partners(0.04, 2.0, LEAST_M) for _ in range(2)]
+
+    def step(self, sample: Position) -> tuple[float, str]:
+        """Take a sample; return when position was believed last, and why it is not now."""
+        t_s, places, velocity = sample.t_s, (sample.x_m, sample.y_m), (sample.vx_mps, sample.vy_mps)
+        if repeats := _repeats(self.NAMES, self._repeats, t_s, (*places, *velocity)):
+            return repeats
+        for partners, place, rate in zip(self._partners, places, velocity, strict=True):
+            partners.rate(t_s, rate)
+            partners.position(t_s, place)
+        stand_s = min((partners.since_s for partners in self._partners if partners.stands), default=t_s)
+        return stand_s, "it repeats while the velocity shows a motion" if stand_s < t_s else ""
+
+
 class AttitudeAnswers:
     """Angles and body rates."""
 
@@ -204,20 +226,30 @@ class AttitudeAnswers:
         """Take a sample; return when attitude was believed last, and why it is not now."""
         t_s, gyro = sample.t_s, (sample.p, sample.q, sample.r)
         angles = (sample.roll, sample.pitch, sample.yaw)
-        for repeats, value in zip(self._repeats, (*angles, *gyro), strict=True):
-            repeats.step(t_s, value)
-        frozen = [i for i, repeats in enumerate(self._repeats) if repeats.frozen(t_s)]
-        if frozen:
-            since_s = min(self._repeats[i].since_s for i in frozen)
-            return since_s, f"{self._named(frozen)}: the same for {t_s - since_s:.1f} s"
+        if repeats := _repeats(self.NAMES, self._repeats, t_s, (*angles, *gyro)):
+            return repeats
         rates = angle_rates(sample.roll, sample.pitch, *gyro)
         for partners, angle, rate in zip(self._partners, angles, rates, strict=True):
             partners.rate(t_s, rate)
             partners.position(t_s, angle)
         opposed = [i for i, partners in enumerate(self._partners) if partners.opposed]
         if opposed:
-            return -math.inf, f"{self._named(opposed)}: gyro and angle turn opposite ways"
+            return -math.inf, f"{_named(self.NAMES, opposed)}: gyro and angle turn opposite ways"
         return t_s, ""
 
-    def _named(self, signals: list[int]) -> str:
-        return ", ".join(self.NAMES[i] for i in signals)
+
+def _repeats(
+    names: Sequence[str], signals: Sequence[ExactRepeats], t_s: float, values: Sequence[float]
+) -> tuple[float, str] | None:
+    """Take a sample of each signal; return since when any repeats exactly, and which; None if none does."""
+    for signal, value in zip(signals, values, strict=True):
+        signal.step(t_s, value)
+    frozen = [i for i, signal in enumerate(signals) if signal.frozen(t_s)]
+    if not frozen:
+        return None
+    since_s = min(signals[i].since_s for i in frozen)
+    return since_s, f"{_named(names, frozen)}: the same for {t_s - since_s:.1f} s"
+
+
+def _named(names: Sequence[str], signals: Sequence[int]) -> str:
+    return ", ".join(names[i] for i in signals)

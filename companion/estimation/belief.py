@@ -43,6 +43,7 @@ def believed(
         depth_refused=sensed.depth_refused,
         depth_doubt=sensed.depth_doubt,
         attitude_doubt=sensed.attitude_doubt,
+        position_doubt=sensed.position_doubt,
         clock_doubt_s=sensed.clock_doubt_s,
         frame_shift=FrameShift(shifted[PSI], *shifted[:PSI]) if any(shifted) else None,
         depth_offset_m=sensed.depth_offset_m,

@@ -17,7 +17,7 @@ from companion.core.actuation import NONE
 from companion.core.allocation import T200_VOLTAGE_V, Thrusters, axes_from_motors
 from companion.core.attitude import angle_rates
 from companion.core.observers import MAX_GAP_S, Inputs, Outlook
-from companion.estimation.answers import AttitudeAnswers, DepthAnswers
+from companion.estimation.answers import AttitudeAnswers, DepthAnswers, PositionAnswers
 from companion.estimation.delay import DelayMeter
 from companion.estimation.frame import Frame
 from companion.estimation.observer_design import noise_of
@@ -83,6 +83,7 @@ class Sensed(NamedTuple):
     depth_refused: bool
     depth_doubt: str
     attitude_doubt: str
+    position_doubt: str
     clock_doubt_s: float
     depth_offset_m: float
     still: tuple[float, float]
@@ -138,7 +139,8 @@ class Estimator:
         self._depth_resets, self._depth_spikes = DepthResets(), Spikes()
         self._begins_depth = False
         self._depth_answers, self._attitude_answers = DepthAnswers(), AttitudeAnswers()
-        self._depth_doubt = self._attitude_doubt = ""
+        self._position_answers = PositionAnswers()
+        self._depth_doubt = self._attitude_doubt = self._position_doubt = ""
         self._came_s |= dict.fromkeys(("yaw_reset_s", "position_reset_s", "depth_reset_s"), -math.inf)
 
     def _begin(self) -> None:
@@ -200,6 +202,7 @@ class Estimator:
             depth_refused=self._depth_refused,
             depth_doubt=self._depth_doubt,
             attitude_doubt=self._attitude_doubt,
+            position_doubt=self._position_doubt,
             clock_doubt_s=clock.doubt_s(now_s),
             depth_offset_m=self.frame.sunk_m,
             still=self.frame.velocity_inside(0.0, 0.0),
@@ -391,6 +394,10 @@ class Estimator:
 
     def _on_position(self, event: events.Position) -> None:
         at_s = self._sampled(event, X)
+        believed_s, self._position_doubt = self._position_answers.step(event)
+        if self._position_doubt:
+            self._measured_t_s[X] = self._measured_t_s[Y] = min(self._measured_t_s[X], believed_s)
+            return
         north_m = self._x_resets.step(event.boot_s, event.x_m, event.vx_mps)
         east_m = self._y_resets.step(event.boot_s, event.y_m, event.vy_mps)
         if north_m or east_m:  # a fix moves both

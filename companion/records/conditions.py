@@ -146,6 +146,13 @@ class Condition(IntFlag):
         "fresh attitude arrives",
         "a fresh attitude",
     )
+    POSITION_DOUBTED = (
+        "the measured position does not answer the vehicle's motion",
+        "position or velocity repeats exactly, or the position does while the velocity moves; x and y are "
+        "wanted. Such a position is not used: POSITION STALE follows",
+        "restart the DVL, check its driver; steer by hand meanwhile",
+        "the measured position answers the vehicle's motion again",
+    )
     POSITION_STALE = (
         "no fresh position",
         "for position_timeout_s; x and y are wanted: they are released until a position returns; depth and "
@@ -195,8 +202,8 @@ class Condition(IntFlag):
         "it turned by 10° without the gyro, or the vehicle moves 30° aside of its thrust; from 40° on x and"
         " y are released, and tried again after 30 s, then after twice as long each time; depth and heading"
         " are held",
-        "move away from steel, calibrate the compass, check its orientation; then engage again (`holdfast "
-        "engage`, button or dashboard)",
+        "move away from steel, calibrate the compass, check its orientation and the DVL's; then engage again "
+        "(`holdfast engage`, button or dashboard)",
         "the heading agrees with the gyro and the course over ground",
     )
     DEPTH_OUT_OF_BOUNDS = (

@@ -147,6 +147,7 @@ class VehicleState(msgspec.Struct, frozen=True):
     depth_refused: bool = False
     depth_doubt: str = ""
     attitude_doubt: str = ""
+    position_doubt: str = ""
     """Why what is measured of it is not believed (`estimation.answers`); empty where it is."""
     clock_doubt_s: float = 0.0
     """How long stamps and answers to TIMESYNC have kept contradicting each other; 0 where they do not."""

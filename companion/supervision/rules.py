@@ -74,10 +74,12 @@ def _link_lost(now: Situation, limits: SupervisorLimits) -> bool:
     return _depth_stale(now, limits) or _attitude_stale(now, limits)
 
 
+def _wants_position(now: Situation) -> bool:
+    return now.steered and (now.observed.held[X] or now.observed.awaits_position)
+
+
 def _position_stale(now: Situation, limits: SupervisorLimits) -> bool:
-    observed = now.observed
-    wanted = now.steered and (observed.held[X] or observed.awaits_position)
-    return wanted and not observed.state.ages.position_s <= limits.position_timeout_s
+    return _wants_position(now) and not now.state.ages.position_s <= limits.position_timeout_s
 
 
 def _ground_lost(now: Situation, _: SupervisorLimits) -> bool:
@@ -135,6 +137,9 @@ RULES: dict[Condition, Rule] = {
         lambda now, _: now.state.attitude_doubt != "", blocks=True, warns=True, freezes=True
     ),
     C.ATTITUDE_STALE: Rule(_attitude_stale, blocks=True),
+    C.POSITION_DOUBTED: Rule(
+        lambda now, _: now.state.position_doubt != "" and _wants_position(now), warns=True
+    ),
     C.POSITION_STALE: Rule(_position_stale, warns=True),
     C.POSITION_UNUSED: Rule(lambda now, _: now.observed.offers_position, warns=True),
     C.GROUND_LOST: Rule(_ground_lost, warns=True),

@@ -117,6 +117,9 @@ def _found(watched: Watched, state: VehicleState) -> Details:
     if attitude := state.attitude_doubt:
         remedy = C.ATTITUDE_DOUBTED.remedy
         found |= {C.ATTITUDE_DOUBTED: (attitude, ""), C.ATTITUDE_STALE: (attitude, remedy)}
+    if position := state.position_doubt:
+        remedy = C.POSITION_DOUBTED.remedy
+        found |= {C.POSITION_DOUBTED: (position, ""), C.POSITION_STALE: (position, remedy)}
     if watched.pull_n >= 1.0:
         newtons = 10.0 * math.ceil(0.1 * watched.pull_n)
         found[C.SATURATED] = ("", f"it takes {newtons:.0f} N: {C.SATURATED.remedy}")

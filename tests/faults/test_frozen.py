@@ -5,9 +5,10 @@ from math import nan, remainder, tau
 
 import numpy as np
 import pytest
-from virtual import HEADING_RAD, Dive, active, freeze, hold, rewritten
+from virtual import HEADING_RAD, Dive, Somebody, active, freeze, hold, rewritten
 
 from companion.records import Condition, State, Z
+from companion.telemetry.event_log import EventLog
 
 DEPTH_M = 3.0
 WAVES = ("waves.enabled=true",)
@@ -95,6 +96,34 @@ def test_a_sensor_that_hangs_for_a_moment_is_ridden_out():
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert off(steps)[0] < 0.2
     assert off(steps[-50:])[0] < 0.03
+
+
+PLACED = ("sensors.dvl=true", "sensors.dvl_drift_m=0", "current.enabled=true", "current.speed_m_s=0.15")
+DVL = {
+    "all": dict.fromkeys(("x", "y", "vx", "vy"), freeze),
+    "velocity is 0": dict.fromkeys(("x", "y"), freeze) | dict.fromkeys(("vx", "vy"), zero),
+    "velocity": dict.fromkeys(("vx", "vy"), freeze),
+    "position": dict.fromkeys(("x", "y"), freeze),
+}
+
+
+@pytest.mark.parametrize("what", DVL)
+def test_a_position_that_hangs_is_told_and_released_and_depth_and_heading_are_held(what):
+    dive = Dive(*PLACED, setpoint=hold(z=DEPTH_M, x=0.0, y=0.0))
+    dive.tap.to_vehicle.append(Somebody().origin())
+    dive.until(State.ACTIVE, within_s=12.0).run(12.0)
+    dive.tap.spoil = rewritten({"LOCAL_POSITION_NED": DVL[what]})
+    steps, log = dive.run(4.0), EventLog()
+    told = [event.text for step in steps for event in log.step(step.sample)]
+    assert Condition.POSITION_DOUBTED.text in told
+    lost = [step for step in steps if step.sample.verdict.warnings & Condition.POSITION_STALE]
+    assert lost[0].t_s - steps[0].t_s < 1.2
+    assert dive.state is State.ACTIVE
+    assert dive.step.sample.dofs.engaged == (False, False, True, True)
+    assert off(steps)[0] < 0.05
+    assert np.hypot(*steps[60].truth.eta[:2]) < 0.3
+    dive.tap.spoil = lambda _, inbox: inbox
+    assert not dive.run(1.0)[-1].sample.verdict.warnings & Condition.POSITION_STALE
 
 
 QUIET = (

@@ -69,6 +69,7 @@ BLOCKING = (
     C.OTHER_FIRST,
 )
 ONLY_REPORTED = (
+    C.POSITION_DOUBTED,
     C.POSITION_STALE,
     C.THRUSTER_DEAD,
     C.THRUSTER_REVERSED,
@@ -423,6 +424,8 @@ SEEN = [
     (RESTING, {"unsteady": True}, C.UNSTEADY),
     (structs.replace(RESTING, depth_doubt="it repeats"), {}, C.DEPTH_DOUBTED),
     (structs.replace(RESTING, attitude_doubt="it repeats"), {}, C.ATTITUDE_DOUBTED),
+    (structs.replace(RESTING, position_doubt="it repeats"), {}, C.POSITION_DOUBTED),
+    (structs.replace(RESTING, position_doubt="it repeats"), {"steered": False}, NOTHING),
     (RESTING, {"other_first": True}, C.OTHER_FIRST),
     (RESTING, {"other_came": True}, C.OTHER_CAME),
     (RESTING, {"pilot_deflection": LIMITS.pilot_deflection + 0.01}, C.PILOT_TAKEOVER),
