@@ -330,7 +330,6 @@ class App:
             ground=ground,
             out=out,
             requests=[request.name for request in requests],
-            setpoint=None if given.setpoint is None else list(given.setpoint.eta_d),
             order=given.order,
             config=None if given.config is None else msgspec.to_builtins(given.config),
             start=self._start if self._ticks == 1 else None,

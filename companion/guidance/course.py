@@ -80,7 +80,7 @@ class Course:
 
     @classmethod
     def to(cls, order: Goto, limits: PathLimits) -> Self:
-        """Return a move to a place. Raises ValueError where it names none."""
+        """Return a move to a place."""
         course = cls(limits, order.speed_mps, order.acceleration_mps2)
         course.place, course.place_from, course.words = place(order), order.frame, in_words(order)
         return course

@@ -1,4 +1,4 @@
-"""What an operator orders beyond a setpoint: a path, a move, a velocity, pause and resume.
+"""What an operator orders: a place, a path, a velocity, pause and resume.
 
 Each order is taken whole or, with a ValueError that says why, not at all.
 """
@@ -11,7 +11,7 @@ from companion.guidance.orders import Order, angles, number_of
 from companion.guidance.paths.shapes import Path
 from companion.guidance.sources import Here, Sources
 from companion.guidance.target import UNSET, known
-from companion.records import PSI, X, Y, Z, chosen
+from companion.records import PSI, Setpoint, X, Y, Z, chosen
 from companion.telemetry.operator_commands import Goto, SetPath, SetVelocity
 
 
@@ -51,11 +51,12 @@ def _follow(path: Path, sources: Sources, here: Here) -> None:
 
 
 def _go_to(order: Goto, sources: Sources, here: Here) -> None:
-    """Go to a place in a straight line; coordinates that it does not name stay.
+    """Go to a place in a straight line, or at once; coordinates that it does not name stay.
 
     In `order.frame` "local" it counts from the origin, else from where the move begins: "offset" north,
     east, down, or "body" forward, right, down. Refused are a place beyond the fence, north or east where
-    there never was a position, and an altitude that is too low, or beside a depth.
+    there never was a position, an altitude that is too low, or beside a depth, a heading that the firmware
+    keeps, and at once a step from here while nothing is held.
     """
     bounds, held, altitude_m = sources.bounds, sources.held, number_of(order.altitude_m)
     course, held_angles = Course.to(order, bounds.limits), angles(order)
@@ -66,6 +67,10 @@ def _go_to(order: Goto, sources: Sources, here: Here) -> None:
     named = known((goal[X], goal[Y], altitude_m if math.isnan(goal[Z]) else goal[Z], goal[PSI]))
     if not math.isnan(altitude_m) and not math.isnan(goal[Z]):
         raise ValueError("depth_m and altitude_m: name one of them")
+    if named[PSI] and not bounds.config.vehicle.holds_heading:
+        raise ValueError("heading_deg: in STABILIZE the firmware keeps the heading")
+    if order.at_once and order.frame != "local" and not any(held.engaged):
+        raise ValueError("at_once: nothing is held, so there is no place to count from; engage first")
     unheld = any(held.engaged) and held.lacks_position and not held.lost
     if any(named[:Z]) and unheld and not held.has_position:
         raise ValueError(
@@ -74,12 +79,14 @@ def _go_to(order: Goto, sources: Sources, here: Here) -> None:
         )
     if any(held.engaged) or order.frame == "local":
         bounds.check(course, start)
+    asked = chosen(named, UNSET, sources.target.asked.eta_d)
+    if any(named) and order.at_once:
+        sources.aim(Setpoint(chosen(known(goal), goal, asked)), here.frame)
+    elif any(named):
+        sources.begin(course, asked)
     sources.angles.ask(held_angles)
-    if not any(named):
-        return
     if named[Z]:
         sources.altitude = AltitudeHold.of(altitude_m)
-    sources.begin(course, chosen(named, UNSET, sources.target.asked.eta_d))
 
 
 def _move_at(order: SetVelocity, sources: Sources, here: Here) -> None:

@@ -1,4 +1,4 @@
-"""What an operator orders beyond a setpoint, as the engine takes it: a path, a move, pause and resume."""
+"""What an operator orders, as the engine takes it: a path, a move, pause and resume."""
 
 import math
 from typing import Any
@@ -15,10 +15,8 @@ from companion.telemetry.operator_commands import (
     Goto,
     Payload,
     SetPath,
-    SetSetpoint,
     SetVelocity,
     in_words,
-    named,
 )
 from companion.telemetry.plan import PathPlan
 
@@ -30,20 +28,14 @@ def ordering(command: Payload, config: Config) -> Steps[Order | None]:
 
     Raises ValueError for a path that is none.
     """
-    if isinstance(command, SetSetpoint) and command.altitude_m is not msgspec.UNSET:
-        return Goto(**named(command))
     if isinstance(command, Follow):
         return (yield from building(command.path, limits(config)))
     return command if isinstance(command, Goto | SetPath | SetVelocity) else None
 
 
 def place(order: Goto) -> Vector:
-    """Return where a move goes, NaN where nothing is said. Raises ValueError where nothing is said at all."""
-    keys = ("x_m", "y_m", "depth_m", "heading_deg", "altitude_m", "roll_deg", "pitch_deg")
-    given = (order.x_m, order.y_m, order.depth_m, order.heading_deg)
-    if not named(order).keys() & set(keys):
-        raise ValueError(f"name at least one of {', '.join(keys)}")
-    x, y, z, psi = map(number_of, given)
+    """Return where a move goes, NaN where nothing is said."""
+    x, y, z, psi = map(number_of, (order.x_m, order.y_m, order.depth_m, order.heading_deg))
     return (x, y, z, math.remainder(math.radians(psi), math.tau) if math.isfinite(psi) else psi)
 
 

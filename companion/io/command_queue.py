@@ -1,7 +1,7 @@
 """What an operator may ask for while it dives: checked like the configuration, and answered with the truth.
 
 A `ReceivedCommand` comes from any thread and waits. Before a tick the queue turns at most one into what the
-engine takes anyway, a `Request`, a setpoint or a retuned configuration, so that nothing passes the supervisor
+engine takes anyway, a `Request`, an order or a retuned configuration, so that nothing passes the supervisor
 by; after the tick it answers with what came of it. A path is built between ticks, one at a time and in steps.
 """
 # ruff: noqa: D102 (of Controllable: the engine describes them)
@@ -20,19 +20,14 @@ from companion.guidance.orders import Order, ordering, place_words
 from companion.guidance.target import known
 from companion.records import (
     ENGAGE_S,
-    PSI,
     Condition,
     ControlSample,
     Request,
-    Setpoint,
     State,
     Vector,
     Verdict,
     X,
-    Y,
-    Z,
     chosen,
-    vector,
 )
 from companion.steps import Task
 from companion.telemetry import operator_commands as commands
@@ -90,10 +85,9 @@ class EngineInput(NamedTuple):
     """What commands gave the engine before a tick."""
 
     requests: list[Request]
-    setpoint: Setpoint | None = None
     config: Config | None = None
     order: tuple[str, bytes] | None = None
-    """A path or a move, as it came: name and payload."""
+    """A place, a path or a velocity, as it came: name and payload."""
 
 
 class Controllable(Protocol):
@@ -112,7 +106,6 @@ class Controllable(Protocol):
     @property
     def reads(self) -> bool: ...
     def refusal(self, request: Request) -> str: ...
-    def aim(self, setpoint: Setpoint) -> None: ...
     def guide(self, order: Order) -> None: ...
     def retune(self, config: Config) -> None: ...
 
@@ -232,8 +225,6 @@ class CommandQueue:
         if task is not None and task.result is not None:
             engine.guide(task.result)
             return given._replace(order=(command.received.name, command.received.payload))
-        if isinstance(payload, commands.SetSetpoint):
-            return given._replace(setpoint=self._aim(engine, payload))
         if isinstance(payload, commands.SetCompensator | commands.SetGains):
             engine.retune(self._retuned(command.old, payload))
             return given._replace(config=engine.config)
@@ -244,22 +235,6 @@ class CommandQueue:
             if request is Request.STOP and isinstance(taken.payload, commands.Engage):
                 taken.refused = "withdrawn: the vehicle was released meanwhile"
         return given._replace(requests=[*given.requests, request])
-
-    def _aim(self, engine: Controllable, payload: commands.SetSetpoint) -> Setpoint:
-        given = named(payload)
-        wanted = list(engine.asked)
-        for index, key in ((X, "x_m"), (Y, "y_m"), (Z, "depth_m")):
-            wanted[index] = given.get(key, wanted[index])
-        if "heading_deg" in given:
-            if not engine.config.vehicle.holds_heading:
-                raise ValueError("heading_deg: in STABILIZE the firmware keeps the heading")
-            wanted[PSI] = math.remainder(math.radians(given["heading_deg"]), math.tau)
-        max_depth_m = engine.config.supervisor.max_depth_m
-        if wanted[Z] > max_depth_m:
-            raise ValueError(f"depth_m = {wanted[Z]:g}: supervisor.max_depth_m is {max_depth_m:g}")
-        setpoint = Setpoint(vector(wanted))
-        engine.aim(setpoint)
-        return setpoint
 
     def _retuned(self, config: Config, payload: commands.SetCompensator | commands.SetGains) -> Config:
         axis, wanted = _changes(payload)
@@ -304,10 +279,8 @@ class CommandQueue:
                 return None
             return Reply(done=not faulty, said=f"{'refused' if faulty else 'cleared'}. {is_now}", value=value)
         if isinstance(payload, commands.Goto | commands.Follow | commands.SetPath | commands.SetVelocity):
-            return self._guided(engine, sample, value)
-        if isinstance(payload, commands.SetSetpoint):
-            said = self._progress(engine, sample, hold="on its way")
-            return Reply(done=True, said=said, value=self._aimed(engine, sample))
+            at_once = isinstance(payload, commands.Goto) and payload.at_once
+            return self._guided(engine, sample, value, hold="on its way" if at_once else "holds here")
         assert payload is not None
         axis, changed = _changes(payload)
         old, new = getattr(command.old, axis), msgspec.to_builtins(getattr(engine.config, axis))
@@ -342,8 +315,8 @@ class CommandQueue:
             return Reply(done=False, said=f"{why}{f' ({held})' if held else ''}", value=value)
         return None
 
-    def _guided(self, engine: Controllable, sample: ControlSample, value: dict[str, Any]) -> Reply:
-        guided, said = sample.guided, self._progress(engine, sample)
+    def _guided(self, engine: Controllable, sample: ControlSample, value: dict[str, Any], hold: str) -> Reply:
+        guided, said = sample.guided, self._progress(engine, sample, hold)
         if any(sample.dofs.engaged):
             said += f": {guided.name}" if guided.name else ""
             said += f", {guided.length_m:.1f} m a lap" if guided.length_m else ""
@@ -352,7 +325,7 @@ class CommandQueue:
         value |= self._aimed(engine, sample) | {"guidance": guided.kind, "length_m": guided.length_m}
         return Reply(done=guided.kind != "refused", said=said, value=value)
 
-    def _progress(self, engine: Controllable, sample: ControlSample, hold: str = "holds here") -> str:
+    def _progress(self, engine: Controllable, sample: ControlSample, hold: str) -> str:
         engaged = sample.dofs.engaged
         if not any(engaged):
             kept = on_engaging(sample.guided.pending or HOLD_HERE)

@@ -64,27 +64,12 @@ class ResetModel(Payload, frozen=True):
     order = "forget the model that was found"
 
 
-class SetSetpoint(Payload, frozen=True):
-    """Set a setpoint; fields that are not given stay. While not engaged, it is kept for engaging.
-
-    With `altitude_m` it is a `goto`.
-    """
-
-    order = "hold"
-
-    depth_m: Annotated[ranges.Depth, means("below the surface")] | Optional = UNSET
-    heading_deg: Annotated[ranges.HeadingDeg, means("clockwise from north")] | Optional = UNSET
-    x_m: Annotated[ranges.Metres, means("north; held only with a position source")] | Optional = UNSET
-    y_m: Annotated[ranges.Metres, means("east; held only with a position source")] | Optional = UNSET
-    altitude_m: Annotated[ranges.Altitude, means("over the ground, instead of a depth")] | Optional = UNSET
-
-
 class Goto(Payload, frozen=True):
     """Go to a place in a straight line, and hold it; coordinates that are not given stay.
 
-    In the frames "offset" and "body" they count from where the vehicle is. `x_m` and `y_m` need a position
-    source, `altitude_m`, kept until a depth is given, a rangefinder. Roll and pitch, held until the release,
-    need a Heavy.
+    While not engaged, it is kept for engaging. In the frames "offset" and "body" coordinates count from where
+    the vehicle is. `x_m` and `y_m` need a position source, `altitude_m`, kept until a depth is given, a
+    rangefinder. Roll and pitch, held until the release, need a Heavy.
     """
 
     order = "go to"
@@ -99,6 +84,9 @@ class Goto(Payload, frozen=True):
     frame: Annotated[Literal["local", "offset", "body"], means("what they count from")] = "local"
     speed_mps: Annotated[ranges.PathSpeed, means("slower where a limit asks for it")] = 0.2
     acceleration_mps2: ranges.PathAcceleration = 0.1
+    at_once: Annotated[bool, means("each axis by its own max_rate and max_acceleration, not in a line")] = (
+        False
+    )
 
 
 class Follow(Payload, frozen=True):
@@ -161,7 +149,6 @@ class SetGains(Payload, frozen=True):
 COMMANDS: dict[str, type[Payload]] = {
     "engage": Engage,
     "release": Release,
-    "setpoint": SetSetpoint,
     "goto": Goto,
     "follow": Follow,
     "path": SetPath,
@@ -202,14 +189,14 @@ def in_words(command: Payload) -> str:
         return "hold here" if command.action == "hold" else f"{command.action} the path"
     given = msgspec.to_builtins(command)
     given.pop("confirm", None)
-    axis = given.pop("axis", "")
+    axis, at_once = given.pop("axis", ""), given.pop("at_once", False)
     steps = _STEPS.get(given.pop("frame", ""), {}) if isinstance(command, Goto) else {}
     said = ", ".join(
         f"{value:g}{steps[key]}" if key in steps else _in_words(key, value, command.order)
         for key, value in given.items()
     )
     words = f"{command.order.removesuffix(' to' if steps else '')}{f' of {axis}:' if axis else ''} {said}"
-    return f"{words.rstrip()}{' from where it is' if steps else ''}"
+    return f"{words.rstrip()}{' from where it is' if steps else ''}{' at once' if at_once else ''}"
 
 
 def _in_words(key: str, value: object, order: str) -> str:
@@ -243,7 +230,7 @@ def parse(
     except msgspec.ValidationError as error:
         said = validation.explained(table, str(error), kind, {"depth_m": (max_depth_m, MAX_DEPTH)})
         raise ValueError(f"{said}. {name} takes {_form(kind)}") from error
-    settable = [field for field in kind.__struct_fields__ if field not in ("axis", "confirm")]
+    settable = [field.name for field in msgspec.structs.fields(kind) if field.default is UNSET]
     if settable and not named(command).keys() & set(settable):
         axis = getattr(command, "axis", None)
         raise ValueError(f"name at least one of {', '.join(settable)}{f' for {axis}' if axis else ''}")

@@ -254,8 +254,7 @@ class Raw(msgspec.Struct, frozen=True, kw_only=True):
     ground: Annotated[Sequence[tuple[int, bytes]], field("of the ground station: as `in`")] = ()
     out: Annotated[Sequence[bytes], field("datagrams sent")]
     requests: Annotated[Sequence[str], field("names of the operator's requests")] = ()
-    setpoint: Annotated[Sequence[float] | None, field("x, y, depth (m), heading (rad); NaN stays")] = None
-    order: Annotated[tuple[str, bytes] | None, field("a path or a move: command and payload")] = None
+    order: Annotated[tuple[str, bytes] | None, field("what it was sent to: command and payload")] = None
     config: Annotated[dict[str, Any] | None, field("the whole configuration, if retuned")] = None
     start: Annotated[Start | None, field("what the engine was built from, in the first tick")] = None
 

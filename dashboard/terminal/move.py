@@ -73,6 +73,7 @@ def goto(argv: list[str]) -> int:
     for name, axes in (("offset", "north, east"), ("body", "forward, right")):
         counted = f"counted from where it is: {axes}, down, and clockwise"
         frame.add_argument(f"--{name}", dest="frame", action="store_const", const=name, help=counted)
+    parser.add_argument("--at-once", action="store_const", const=True, help=fields["at_once"].what)
     given = vars(parser.parse_intermixed_args(argv))
     vehicle, connect = given.pop("vehicle"), given.pop("connect")
     what = {key: value for key, value in given.items() if value is not None}

@@ -25,7 +25,7 @@ EXAMPLES = """\
   config                  Print the present settings; needs no permission.
 
 examples:
-  holdfast tell setpoint depth_m=5 heading_deg=90     move to a depth and a heading
+  holdfast tell goto depth_m=5 heading_deg=90         move to a depth and a heading
   holdfast tell gains axis=heave kappa_per_s=8        change one gain
   holdfast tell config                                print the present settings
   holdfast tell kelp clear_fault                      to the one that is called kelp

@@ -8,7 +8,7 @@ have sent at that moment, not where the vehicle would have gone.
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -118,10 +118,18 @@ def configured(tape: Tape, overrides: Sequence[str] = ()) -> Config:
     return load_config(DEFAULT_FILE, [*_overlay(recorded, tape.notes), *overrides])
 
 
-def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing | None = None) -> Outcome:
+def rerun(
+    tape: Tape,
+    config: Config,
+    *,
+    follow: bool = True,
+    signing: Signing | None = None,
+    aim: Callable[[Engine, Raw], None] | None = None,
+) -> Outcome:
     """Step today's engine through the ticks; without `follow` live retunes are left out.
 
-    `signing` as the dive began with: without it signatures are neither checked nor made.
+    `signing` as the dive began with: without it signatures are neither checked nor made. `aim` does what a
+    script did before a tick.
     """
     start = tape.ticks[0].start
     setpoint = Setpoint(vector(start.setpoint if start is not None else [math.nan] * 4))
@@ -135,8 +143,8 @@ def rerun(tape: Tape, config: Config, *, follow: bool = True, signing: Signing |
     was, now, different = [], [], []
     begun_s = time.perf_counter()
     for raw in tape.ticks:
-        if raw.setpoint is not None:
-            engine.aim(Setpoint(*(vector(raw.setpoint[i : i + 4]) for i in range(0, len(raw.setpoint), 4))))
+        if aim is not None:
+            aim(engine, raw)
         if raw.order is not None and (order := finish(ordering(parse(*raw.order), config))) is not None:
             engine.guide(order)
         if raw.config is not None and follow:
@@ -221,13 +229,13 @@ def lines(tape: Tape, outcome: Outcome, *, changed: bool) -> Iterator[str]:
     """Give what came of it in lines; `changed`: the configuration is not the recorded one."""
     count, different = len(tape.ticks), outcome.different
     asked = sum(len(raw.requests) for raw in tape.ticks)
-    aimed = sum(raw.setpoint is not None for raw in tape.ticks)
+    ordered = sum(raw.order is not None for raw in tape.ticks)
     retuned = sum(raw.config is not None for raw in tape.ticks)
     dived_s = outcome.t_s[-1] - outcome.t_s[0]
     yield (
         f"{count} ticks, {dived_s:.1f} s of diving, "
         f"at {dived_s / outcome.wall_s:.0f} times real time; "
-        f"{asked} requests, {aimed} setpoints and {retuned} retunes by the operator"
+        f"{asked} requests, {ordered} orders and {retuned} retunes by the operator"
     )
     yield from (f"note: {note}" for note in tape.notes)
     if changed and retuned:

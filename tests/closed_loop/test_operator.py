@@ -67,20 +67,19 @@ def test_a_release_withdraws_an_engage_that_waits():
     assert "released" in waiting[0].said
 
 
-def test_a_setpoint_moves_what_it_names_and_is_read_back():
+def test_a_place_at_once_moves_what_it_names_and_is_read_back():
     dive, console = at_console()
-    kept = console.tell("setpoint", depth_m=1.5)
+    kept = console.tell("goto", depth_m=1.5, at_once=True)
     assert kept.done
     assert "when it engages" in kept.said
     assert kept.value["depth_m"] == 1.5
     console.tell("engage")
-    reply = console.tell("setpoint", heading_deg=-90.0)
+    reply = console.tell("goto", heading_deg=-90.0, at_once=True)
     assert (reply.done, reply.said) == (True, "on its way")
     assert (reply.value["depth_m"], reply.value["heading_deg"]) == (1.5, pytest.approx(270.0))
     assert "x_m" not in reply.value, "it is not held"
-    idle = console.tell("setpoint", x_m=3.0)
-    assert idle.done
-    assert "not held" in idle.said
+    refused = console.tell("goto", x_m=3.0, at_once=True)
+    assert (refused.done, "no position" in refused.said) == (False, True)
     dive.run(9.0)
     assert dive.step.truth.eta[2] == pytest.approx(1.5, abs=0.06)
     assert math.remainder(dive.step.truth.eta[5] + math.pi / 2, math.tau) == pytest.approx(0.0, abs=0.06)
@@ -116,7 +115,7 @@ def test_without_permission_nothing_happens(allow, local, says):
         reply = console.tell(name, axis="heave", kappa_per_s=8.0, depth_m=3.0)
         assert not reply.done
         assert says in reply.said
-        assert console.given[-1] == ([], None, None, None)
+        assert console.given[-1] == ([], None, None)
     assert dive.engine.config is before
 
 
@@ -124,11 +123,12 @@ def test_without_permission_nothing_happens(allow, local, says):
     ("name", "what", "says"),
     [
         ("fly", {}, "there is no command 'fly'"),
-        ("setpoint", {}, "at least one"),
-        ("setpoint", {"x_m": 10**400}, "must be -10000 to 10000"),
-        ("setpoint", {"depth_m": -1}, "depth_m = -1: must be 0 to 100 (supervisor.max_depth_m)"),
-        ("setpoint", {"depth_m": 101}, "supervisor.max_depth_m is 100"),
-        ("setpoint", {"depth_m": "3"}, "depth_m"),
+        ("goto", {"at_once": True}, "at least one of x_m"),
+        ("goto", {"x_m": 10**400}, "must be -10000 to 10000"),
+        ("goto", {"depth_m": -1, "at_once": True}, "depth_m: -1.00 m is above the surface"),
+        ("goto", {"depth_m": 101, "at_once": True}, "supervisor.max_depth_m = 100"),
+        ("goto", {"frame": "body", "depth_m": 1, "at_once": True}, "nothing is held"),
+        ("goto", {"depth_m": "3"}, "depth_m"),
         ("gains", {"axis": "roll", "kappa_per_s": 1.0}, "surge, sway, heave, yaw"),
         ("gains", {"axis": "heave"}, "at least one"),
         ("gains", {"axis": "heave", "kappa_per_s": 100.0}, "kappa_per_s = 100: must be 0.05 to 50"),
@@ -228,7 +228,7 @@ def test_engage_is_refused_where_a_parameter_is_never_read():
 
 def test_the_log_line_is_bounded_whatever_came(make_sample):
     commands = CommandQueue(load_config())
-    commands.put(ReceivedCommand("setpoint", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
+    commands.put(ReceivedCommand("goto", b"\xff" * 10 * MAX_BYTES, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
     (result,) = commands.after_tick(_Untouchable(), make_sample(), 0.0)
     assert len(result.text) < 1000
@@ -237,20 +237,33 @@ def test_the_log_line_is_bounded_whatever_came(make_sample):
 @pytest.mark.parametrize("payload", [b'{"a\n2026 forged\x1b[2J": 1}', b"\n2026 forged", b'{"\\n\\u202e": 1}'])
 def test_an_order_forges_no_line_of_the_log(payload, make_sample):
     commands = CommandQueue(load_config())
-    commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
+    commands.put(ReceivedCommand("goto", payload, lambda _: None, True))
     commands.before_tick(_Untouchable(), 0.0)
     (result,) = commands.after_tick(_Untouchable(), make_sample(), 0.0)
     assert result.text.isprintable()
 
 
-def test_a_setpoint_leaves_the_depth_where_the_pilots_stick_took_it():
-    """The command after it used to send it back to the depth of the setpoint before."""
-    engine, commands = _Recorder(), CommandQueue(load_config())
-    engine.asked = (math.nan,) * 4
-    for payload in (b'{"depth_m": 2}', b'{"heading_deg": 90}'):
-        commands.put(ReceivedCommand("setpoint", payload, lambda _: None, True))
-        commands.before_tick(engine, 0.0)
-    np.testing.assert_allclose(engine.got[1].eta_d, (math.nan, math.nan, math.nan, 0.5 * math.pi))
+def test_a_heading_leaves_the_depth_where_the_pilots_stick_took_it():
+    """The command after it used to send it back to the depth of the command before."""
+    dive, console = at_console(pilot=True, engaged=True)
+    assert console.tell("goto", depth_m=1.5, at_once=True).done
+    dive.run(4.0)
+    dive.cockpit.push(heave=0.5)
+    dive.run(3.0)
+    dive.cockpit.push()
+    dive.run(1.0)
+    depth_m = dive.engine.target[2]
+    assert depth_m > 1.6
+    assert console.tell("goto", heading_deg=90, at_once=True).done
+    dive.run(0.1)
+    assert dive.engine.target[2] == pytest.approx(depth_m, abs=0.01)
+
+
+def test_in_stabilize_no_heading_is_taken():
+    console = at_console(waits_s=0.5, companion=["vehicle.steering_mode=stabilize"])[1]
+    for how in ({}, {"at_once": True}):
+        reply = console.tell("goto", heading_deg=90, depth_m=1.2, **how)
+        assert (reply.done, "the firmware keeps the heading" in reply.said) == (False, True)
 
 
 DVL = ("sensors.dvl=true", "initial.eta=[0,0,2,0,0,0]", "current.enabled=false")
@@ -278,7 +291,6 @@ def test_goto_and_follow_are_commands_that_are_answered_and_done():
     assert "path.circle.radius_m = 0.01: must be 0.1 to 1000" in refused.said
     refused = console.tell("goto", frame="body")
     assert "at least one of x_m" in refused.said
-    assert console.results[-1].order == "go from where it is"
 
 
 OUT = {"name": "out", "relative": True, "waypoint": [{"x_m": 0.0, "y_m": 0.0}, {"x_m": 0.4, "y_m": 0.0}]}
@@ -398,7 +410,7 @@ payloads = st.binary(max_size=60) | (json_values | likely).map(lambda value: jso
 
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(name=st.sampled_from([*COMMANDS, "config", "", "*"]), payload=payloads)
-@example(name="setpoint", payload=b'{"depth_m":1e999}').via("the reason for refusing it raised TypeError")
+@example(name="goto", payload=b'{"depth_m":1e999}').via("the reason for refusing it raised TypeError")
 def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, payload):
     engine = _Recorder()
     commands = CommandQueue(engine.config)
@@ -410,16 +422,13 @@ def test_whatever_comes_is_answered_once_and_changes_nothing_unless_done(name, p
     if answers:
         assert not answers[0].done
         assert answers[0].said
-        assert given == ([], None, None, None)
+        assert given == ([], None, None)
         assert not engine.got
     else:
         assert len(given.requests) + len(engine.got) == 1
         for thing in engine.got:
             if isinstance(thing, Config):
                 assert thing == msgspec.convert(msgspec.to_builtins(thing), Config), "as at the start"
-            elif isinstance(thing, Setpoint):
-                assert not np.isinf(thing.eta_d).any()
-                assert not thing.eta_d[2] > engine.config.supervisor.max_depth_m
 
 
 class _Untouchable:
@@ -444,9 +453,6 @@ class _Recorder:
     def refusal(self, request):
         return ""
 
-    def aim(self, setpoint):
-        self.got.append(setpoint)
-
     def guide(self, order):
         self.got.append(order)
 
@@ -462,7 +468,6 @@ def test_an_error_that_nobody_foresaw_refuses_the_command_and_the_dive_goes_on(m
     for error, where, name, what in (
         (MemoryError, "companion.guidance.orders.building", "follow", {"path": PATH}),
         (ZeroDivisionError, "companion.engine.Engine.guide", "goto", {"depth_m": 1.5}),
-        (ZeroDivisionError, "companion.engine.Engine.aim", "setpoint", {"depth_m": 1.5}),
         (MemoryError, "companion.engine.Engine.retune", "gains", {"axis": "heave", "kappa_per_s": 5.0}),
         (ZeroDivisionError, "companion.io.command_queue.parse", "release", {}),
         (MemoryError, "companion.io.command_queue.CommandQueue._settled", "goto", {"depth_m": 1.5}),
@@ -477,7 +482,7 @@ def test_an_error_that_nobody_foresaw_refuses_the_command_and_the_dive_goes_on(m
         assert (reply.done, "of numbers that lead nowhere" in reply.said) == (False, True), where
         dive.run(0.2)
         assert dive.state is State.ACTIVE
-        assert console.tell("setpoint", depth_m=1.2).done
+        assert console.tell("goto", depth_m=1.2, at_once=True).done
 
 
 def test_a_path_that_leads_nowhere_on_the_way_ends_and_the_place_is_held(monkeypatch):

@@ -40,7 +40,7 @@ COSTLIEST: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "pause": ("path", {"action": "pause"}),
     "place": ("goto", {"x_m": 3.0, "depth_m": 4.0, "heading_deg": 90.0}),
-    "setpoint": ("setpoint", {"x_m": 1.0, "depth_m": 2.5, "heading_deg": 30.0}),
+    "at once": ("goto", {"x_m": 1.0, "depth_m": 2.5, "heading_deg": 30.0, "at_once": True}),
     "velocity": ("velocity", {"forward_mps": 0.2}),
     "gains": ("gains", {"axis": "surge", "lambda_per_s": 3.0, "kappa_per_s": 3.0, "confirm": True}),
     "compensator": ("compensator", {"axis": "heave", "compensator": "observer"}),

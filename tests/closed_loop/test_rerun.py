@@ -49,7 +49,7 @@ class Scribe(Engine):
 
 @pytest.fixture(scope="module")
 def dive() -> list[telemetry.Raw]:
-    """Eight seconds: engage, a setpoint, a retune, a move; then the pilot takes over from the ground."""
+    """Eight seconds: engage, a place at once, a retune, a move; then the pilot takes over from the ground."""
     config = load_config()
     setpoint = hold(1.0)
     engine = Scribe(config, setpoint, arm=True)
@@ -67,8 +67,8 @@ def dive() -> list[telemetry.Raw]:
     loop.requests = [Request.ENGAGE]
     for tick in range(400):
         if tick == 200:
-            engine.aim(hold(1.5))
-            engine.handed = {"setpoint": list(hold(1.5).eta_d)}
+            engine.guide(Goto(depth_m=1.5, at_once=True))
+            engine.handed = {"order": ("goto", b'{"depth_m": 1.5, "at_once": true}')}
         if tick == 330:
             order = ("goto", b'{"depth_m": 1.2, "heading_deg": 40}')
             engine.guide(Goto(depth_m=1.2, heading_deg=40.0))
@@ -101,16 +101,16 @@ def test_the_same_code_sends_the_same_bytes(dive, tmp_path, capsys):
     assert main([str(two), str(one)]) == 0
     said = capsys.readouterr().out
     assert "400 ticks" in said
-    assert "1 requests, 1 setpoints and 1 retunes" in said
+    assert "1 requests, 2 orders and 1 retunes" in said
     assert "every byte sent is the same" in said
 
 
-@pytest.mark.parametrize("lost", ["setpoint", "order", "config", "start", "ground"])
+@pytest.mark.parametrize("lost", ["order", "config", "start", "ground"])
 def test_what_the_operator_did_matters(dive: list[telemetry.Raw], tmp_path: Path, lost: str) -> None:
-    """Without the setpoint, the retune, the start or the sticks the commands are others: all are repeated."""
+    """Without the orders, the retune, the start or the sticks the commands are others: all are repeated."""
     ticks = [msgspec.structs.replace(raw, **{lost: () if lost == "ground" else None}) for raw in dive]
     tape = load([written(tmp_path / "x.mcap", ticks, load_config())])
-    first = {"setpoint": 200, "order": 330, "config": 300, "start": 1, "ground": 380}[lost]
+    first = {"order": 200, "config": 300, "start": 1, "ground": 380}[lost]
     different = rerun(tape, configured(tape)).different
     assert different
     assert first <= different[0] <= first + 120
@@ -170,7 +170,7 @@ def test_a_configuration_of_another_day_is_laid_on_todays(dive: list[telemetry.R
     assert any("yaw.dead_zone is newer" in note for note in tape.notes)
 
 
-@pytest.mark.parametrize("spoiled", [{"out": [b""]}, {"setpoint": [0.0] * 16}, {"requests": ["DANCE"]}])
+@pytest.mark.parametrize("spoiled", [{"out": [b""]}, {"requests": ["DANCE"]}])
 def test_a_spoiled_tick_is_refused_in_one_line(dive, tmp_path, capsys, spoiled):
     file = written(tmp_path / "x.mcap", [msgspec.structs.replace(dive[0], **spoiled), *dive[1:5]])
     assert holdfast.main(["lab", "rerun", str(file)]) == 2

@@ -162,7 +162,9 @@ def test_the_setpoint_turns_with_the_frame_and_the_next_order_turns_nothing_back
         commands.after_tick(dive.engine, step.sample, dive.t_s)
     psi = dive.step.truth.eta[5]
     assert dive.engine.target[3] == pytest.approx(0.5 + np.radians(40.0), abs=0.01)
-    commands.put(ReceivedCommand("setpoint", b'{"depth_m": 1.4}', lambda reply: None, local=True))
+    commands.put(
+        ReceivedCommand("goto", b'{"depth_m": 1.4, "at_once": true}', lambda reply: None, local=True)
+    )
     commands.before_tick(dive.engine, dive.t_s)
     assert heading_errors_deg(dive.run(5.0), psi).max() < 2.0
     assert dive.step.truth.eta[2] == pytest.approx(1.4, abs=0.05)

@@ -61,7 +61,7 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
                 )
 
             until(holding)
-            reported = seen.tell("kelp", "setpoint", {"depth_m": 1.5})
+            reported = seen.tell("kelp", "goto", {"depth_m": 1.5, "at_once": True})
             assert reported.done, reported.said
             retuned = seen.tell("kelp", "gains", {"axis": "heave", "kappa_per_s": 9.0})
             assert retuned.done, retuned.said
@@ -95,7 +95,7 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
 
     again = holdfast("lab", "rerun", str(path))
     assert again.returncode == 0, again.stdout + again.stderr
-    assert "1 setpoints and 1 retunes" in again.stdout
+    assert "1 orders and 1 retunes" in again.stdout
     assert "every byte sent is the same" in again.stdout
 
     report = holdfast("report", str(path))

@@ -107,7 +107,7 @@ FETCH = "import urllib.request; print(urllib.request.urlopen('{}').read().decode
 def dive(machine: Machine) -> None:
     """Engage, and hold a metre."""
     machine.wait(lambda: machine.show("holdfast", "StatusText").startswith("IDLE: waiting for: arming"))
-    machine.run("holdfast", "tell", "bluerov2", "setpoint", "depth_m=1")
+    machine.run("holdfast", "tell", "bluerov2", "goto", "depth_m=1")
     machine.run("holdfast", "tell", "bluerov2", "engage")
     machine.wait(lambda: machine.show("holdfast", "StatusText").startswith("ACTIVE"))
     machine.wait(lambda: abs(depth_m(machine) - 1.0) < 0.1, within_s=60.0)

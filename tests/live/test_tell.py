@@ -50,14 +50,14 @@ def test_every_command_is_answered_and_told_as_an_event(
         assert seen.ask("**", timeout_s=1.0) is not None, "the configuration may be asked for so"
         assert _states(seen) == {"IDLE"}
         assert seen.tell(VEHICLE, "engage", {}).value["state"] == "ACTIVE"
-        assert seen.tell(VEHICLE, "setpoint", {"depth_m": 1.5}).value["depth_m"] == 1.5
+        assert seen.tell(VEHICLE, "goto", {"depth_m": 1.5, "at_once": True}).value["depth_m"] == 1.5
         gains = {"axis": "heave", "kappa_per_s": 9.0}
         assert seen.tell(VEHICLE, "gains", gains).value["kappa_per_s"] == 9.0
         in_force = msgspec.json.decode(seen.ask(telemetry.key(VEHICLE, "config")) or b"null")
         assert in_force["heave"]["kappa_per_s"] == 9.0
 
         command = ["--connect", seen.endpoint, VEHICLE]
-        assert tell.main([*command, "setpoint", "depth_m=500"]) == 1
+        assert tell.main([*command, "goto", "depth_m=500"]) == 1
         assert "max_depth_m" in capsys.readouterr().out
         assert move.goto([*command, "--depth", "1.2", "--speed", "0.1"]) == 0
         assert "done: on its way" in capsys.readouterr().out

@@ -27,7 +27,7 @@ def test_the_dive_of_the_tutorial(tmp_path: Path) -> None:
             begun = output(PAGE, "2026-")  # a date
             until(lambda: says(f"{begun}...", log.read_text()), 60.0)
             assert says(output(PAGE, "╭─ holdfast"), said("watch", "--once", *here, cwd=tmp_path))
-            told = said("tell", "setpoint", "depth_m=4", "heading_deg=90", *here, cwd=tmp_path)
+            told = said("goto", "--depth", "4", "--heading", "90", "--at-once", *here, cwd=tmp_path)
             assert told.startswith("done by bluerov2")
             until(lambda: log.read_text().count("(wanted 4.000)") > 1)
             stick = ("stick,axis=z,value=1,duration_s=10", "--zenoh", zenoh)

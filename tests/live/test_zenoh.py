@@ -219,7 +219,7 @@ def test_a_command_is_local_unless_a_router_or_another_way_in_is_there(
         feed(publisher)
         commands.clear()
         with Subscription("holdfast/**", endpoint) as seen:
-            until(lambda: seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done)  # it is found in its own time
+            until(lambda: seen.tell("kelp", "goto", {"depth_m": 3.0}).done)  # it is found in its own time
         (received,) = commands
         return received.local
 

@@ -105,10 +105,10 @@ def test_the_laptop_sees_and_may_not_command(
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
         assert seen.ask(telemetry.key("kelp", "config"), timeout_s=2.0) == b"{}"
-        answer = seen.ask(telemetry.key("kelp", "command", "setpoint"), b"{}", timeout_s=1.0)
+        answer = seen.ask(telemetry.key("kelp", "command", "goto"), b"{}", timeout_s=1.0)
         assert answer is None
         assert seen.ask("holdfast/kelp/command/*", b"{}", timeout_s=1.0) is None
-        assert seen.ask("holdfast/kelp/comman$*/setpoint", b"{}", timeout_s=1.0) is None
+        assert seen.ask("holdfast/kelp/comman$*/goto", b"{}", timeout_s=1.0) is None
         tails = {message.key.split("/", 2)[2] for message in seen.last()}
         assert tails == {*telemetry.EVERY_TICK, "config", "choices", "check"}
     assert vehicle.commands == []
@@ -120,8 +120,8 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
     vehicle = diving(allow_control=True)
     with Subscription("holdfast/**", str(vehicle.laptop)) as seen:
         assert comes(seen, vehicle, make_sample(), 10.0)
-        assert seen.tell("kelp", "setpoint", {"depth_m": 3.0}).done
-    assert vehicle.commands == ["setpoint"]
+        assert seen.tell("kelp", "goto", {"depth_m": 3.0}).done
+    assert vehicle.commands == ["goto"]
     with (
         Subscription("holdfast/other/**", vehicle.local) as local,
         zenoh.open(client_configuration(str(vehicle.laptop))) as laptop,
@@ -194,12 +194,12 @@ def test_at_a_router_each_vehicle_speaks_for_itself_alone(
         enter(zenoh.open(zenoh.Config.from_file(str(router))))
         until(lambda: last(seen) >= tails, 10.0)
         until(lambda: last(here) >= tails, 10.0)
-        assert seen.tell("reed", "setpoint", {"depth_m": 3.0}).done
+        assert seen.tell("reed", "goto", {"depth_m": 3.0}).done
         again = kelp_file.read_text().replace(kelps, f"tcp/127.0.0.1:{free_port()}")
         (directory / "again.json5").write_text(again)
         kelp = enter(zenoh.open(client_configuration(str(directory / "again.json5"))))
         assert not _put_seen(kelp, enter(Subscription("holdfast/other/**", local)))
-        assert [reply.ok for reply in kelp.get("holdfast/reed/command/setpoint", timeout=1.0)] == []
+        assert [reply.ok for reply in kelp.get("holdfast/reed/command/goto", timeout=1.0)] == []
 
 
 def test_no_certificate_another_authoritys_and_another_vehicle_than_meant_are_refused(

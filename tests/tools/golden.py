@@ -15,8 +15,21 @@ import msgspec
 import numpy as np
 
 from companion.mavlink.signing import Signing
+from companion.records import Setpoint, vector
 from companion.telemetry.schemas import Raw
 from lab.rerun.rerun import Tape, configured, rerun
+
+
+class Tick(Raw, frozen=True, kw_only=True):
+    """A tick before which a script may have set a target: places, rates and accelerations, 12 numbers."""
+
+    setpoint: list[float] | None = None
+
+
+def aim(engine, tick):
+    """Set the target of a tick, if it has one."""
+    if tick.setpoint is not None:
+        engine.aim(Setpoint(*(vector(tick.setpoint[i : i + 4]) for i in (0, 4, 8))))
 
 
 def signing():
@@ -26,10 +39,10 @@ def signing():
 
 def check(file):
     """Feed a stored dive to today's engine; return whether each byte is the same, and its line and notes."""
-    tape = Tape(msgspec.msgpack.decode(file.read_bytes(), type=list[Raw]), {})
+    tape = Tape(msgspec.msgpack.decode(file.read_bytes(), type=list[Tick]), {})
     config = configured(tape)
     with np.errstate(all="ignore"):
-        outcome = rerun(tape, config, signing=signing() if config.link.signing_key_file else None)
+        outcome = rerun(tape, config, signing=signing() if config.link.signing_key_file else None, aim=aim)
     different = outcome.different
     first = str(different[0]) if different else ""
     line = f"{file.stem:20}{len(tape.ticks):7}{len(different):11}{first:>8}{outcome.wall_s:9.1f}"

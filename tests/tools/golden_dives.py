@@ -7,10 +7,10 @@ import numpy as np
 
 from companion.config import load_config
 from companion.records import ZERO, Request, State
-from companion.telemetry.schemas import Raw, Start
+from companion.telemetry.schemas import Start
 from lab.loop.lockstep import LinkDelay
 from lab.loop.scenarios import trajectory
-from tests.tools.golden import signing
+from tests.tools.golden import Tick, signing
 from tests.virtual import Dive, Somebody, hold
 
 DVL = ("sensors.dvl=true", "current.enabled=true", "current.speed_m_s=0.35")
@@ -45,7 +45,7 @@ class Recorder:
         given, self._given = self._given, {}
         asked = [request.name for request in requests]
         self.ticks.append(
-            Raw(tick=loop.tick, now_s=now_s, heard=heard, ground=ground, out=out, requests=asked, **given)
+            Tick(tick=loop.tick, now_s=now_s, heard=heard, ground=ground, out=out, requests=asked, **given)
         )
         return out, sample
 

@@ -1,6 +1,6 @@
 """`python -m tests.tools.soak --minutes 120`: everything at once, live, and whether anything grows.
 
-Simulator, companion, dashboard with one browser, recorder. Once a minute `holdfast tell` moves the setpoint,
+Simulator, companion, dashboard with one browser, recorder. Once a minute `holdfast tell` moves the depth,
 and engages again if the companion released it.
 """
 
@@ -188,7 +188,7 @@ def soaked(minutes: int, logs: Path, heard: SoakLog) -> Iterator[None]:
             memory = {name: allocated_kb(child.pid) for name, child in children.items()}
             heard.minutes.append(Minute(time.monotonic() - begun_s, memory))
             yield
-            visit = ["setpoint", f"depth_m={DEPTHS_M[number % len(DEPTHS_M)]:g}"]
+            visit = ["goto", f"depth_m={DEPTHS_M[number % len(DEPTHS_M)]:g}", "at_once=true"]
             visit += ["clear_fault"] * (heard.state == "FAULT") + ["engage"] * (heard.state != STEERS)
             told = subprocess.run(
                 [*HOLDFAST, "tell", "--connect", endpoint, VEHICLE, *visit], capture_output=True

@@ -105,6 +105,5 @@ def test_the_pages_fields_have_the_ranges_of_the_configuration() -> None:
     for name, field in numbers.items():
         assert (field["least"], field["most"]) == validation.bounds(configured[name])
         assert field["title"], "the form calls it nothing"
-    assert commands["setpoint"]["depth_m"]["least"] == 0.0
     assert json.loads(said["export const MODES"])["19"] == "MANUAL"
     assert set(json.loads(said["export const STATES"])) == set(State)

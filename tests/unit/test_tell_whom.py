@@ -42,12 +42,12 @@ def test_the_only_vehicle_needs_no_name(sea):
     heard, told = sea
     heard.append("kelp")
     assert commands.engage([]) == commands.release([]) == commands.hold([]) == 0
-    assert commands.tell(["setpoint", "depth_m=2"]) == commands.goto(["--depth", "2"]) == 0
+    assert commands.tell(["goto", "depth_m=2"]) == commands.goto(["--depth", "2"]) == 0
     assert [(vehicle, command) for vehicle, command, _ in told] == [
         ("kelp", "engage"),
         ("kelp", "release"),
         ("kelp", "path"),
-        ("kelp", "setpoint"),
+        ("kelp", "goto"),
         ("kelp", "goto"),
     ]
     assert told[2][2] == {"action": "hold"}
