@@ -4,7 +4,7 @@
 |----------|---------------------------------------------------------------------------------|
 | words    | `modes`, `glossary`: states, conditions, who steers; `status_line`, `event_log` |
 | schemas  | `fields`, `ranges`; `schemas`: keys and records; `samples`: a tick as records   |
-| commands | `commands`, `plan`: a path; `path_files`, `degrees`: where it comes from        |
+| commands | `commands`, `plan`: a path; `path_files`: where it comes from; `degrees`        |
 | session  | `session`: Zenoh, configured and kept open                                      |
 
 A new field touches `schemas`, the record that has it (companion.records) and what computes it; a key of the

@@ -12,7 +12,7 @@ from companion.telemetry.fields import fields_of
 from companion.telemetry.operator_commands import Goto
 from dashboard.arguments import add_connect
 from dashboard.terminal.tell import add_vehicle, send
-from holdfast.command_line import command_parser, position
+from holdfast.command_line import command_parser
 
 GOTO_EXAMPLES = """\
 examples:
@@ -31,13 +31,10 @@ Exit status: 0 under way, 1 refused or no answer, 2 wrong arguments.
 FOLLOW_EXAMPLES = """\
 examples:
   holdfast follow eight.toml                          a path in metres: docs/guidance.md
-  holdfast follow reef.plan --origin 47.40,8.55       waypoints of QGroundControl
-  holdfast follow dam.plan                            a plan of QGroundControl, from where it is
   holdfast follow --pause                             wait; --resume goes on, after --hold, goto
                                                       and a fault, too
 
---origin is where x and y are 0: the EKF's origin, such as `holdfast check --set-origin` sets. Without it a
-path in degrees begins where the vehicle is. A stick pauses a path, too.
+A stick pauses a path, too.
 Exit status: 0 done, 1 refused or no answer, 2 no path.
 """
 
@@ -84,16 +81,15 @@ def follow(argv: list[str]) -> int:
     """Send a vehicle along a path; returns 1 if it was not done."""
     parser = command_parser(
         "follow",
-        "Sends a vehicle along the path of a file: TOML or a plan of QGroundControl.",
+        "Sends a vehicle along the path of a file.",
         FOLLOW_EXAMPLES,
     )
     add_connect(parser)
-    parser.add_argument("words", nargs="*", metavar="[VEHICLE] FILE", help="ends in .toml or .plan")
+    parser.add_argument("words", nargs="*", metavar="[VEHICLE] FILE", help="in TOML")
     action = parser.add_mutually_exclusive_group()
     actions = {"pause": "pause it", "resume": "continue it", "hold": "stop and hold here; --resume goes on"}
     for name, purpose in actions.items():
         action.add_argument(f"--{name}", dest="action", action="store_const", const=name, help=purpose)
-    parser.add_argument("--origin", type=position, metavar="LAT,LON", help="where x and y are 0, degrees")
     options = parser.parse_intermixed_args(argv)
     if not options.words and not options.action:
         parser.error("which FILE? Or --pause, --resume, --hold")
@@ -104,7 +100,7 @@ def follow(argv: list[str]) -> int:
     if options.action:
         return send("follow", whom, "path", {"action": options.action}, options.connect)
     try:
-        path = path_files.read(Path(file), options.origin)
+        path = path_files.read(Path(file))
     except ValueError as error:
         sys.stderr.write(f"holdfast follow: {error}\n")
         return 2

@@ -31,10 +31,6 @@ ODD = (
     b"1e999",
     b"[{",
 )
-PLAN = (
-    b'{"fileType":"Plan","mission":{"items":[{"command":16,"frame":3,"params":[0,0,0,null,47.1,8.2,-3]},'
-    b'{"command":178,"params":[1,0.3]},{"command":16,"frame":3,"params":[0,0,0,null,47.101,8.201,-3]}]}}'
-)
 TOML = b'[loop]\nrate_hz = 50.0\n[vehicle]\nname = "kelp"\n[heave]\nmass = 30.0\n'
 
 
@@ -97,7 +93,6 @@ def test_a_damaged_log_is_read_or_refused(name, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "sound", "reader"),
     [
-        ("path.plan", PLAN, path_files.read),
         ("path.toml", b"[[waypoint]]\nx_m = 1.0\ny_m = 2.0\ndepth_m = 3.0\n", path_files.read),
         ("companion.toml", TOML, load_config),
         ("sim.toml", b"[initial]\neta = [0, 0, 1, 0, 0, 0]\n[current]\nspeed_m_s = 0.3\n", load_sim),
@@ -111,8 +106,6 @@ def test_a_damaged_text_is_read_or_refused(name, sound, reader, tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 def test_a_text_is_read_in_the_encoding_that_it_declares(encoding, tmp_path):
-    file, plan = tmp_path / "companion.toml", tmp_path / "path.plan"
+    file = tmp_path / "companion.toml"
     file.write_bytes(TOML.decode().replace("\n", "\r\n").encode(encoding))
     assert load_config(file).vehicle.name == "kelp"
-    plan.write_bytes(PLAN.decode().encode(encoding))
-    assert len(path_files.read(plan).waypoint) == 2

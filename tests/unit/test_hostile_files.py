@@ -42,22 +42,6 @@ TEXTS = {
     "not finite": "[loop]\nrate_hz = nan\n[vehicle]\nname = inf",
     "surrogate": 'a = "\\ud800"',
 }
-JSONS = {
-    "deep": "[" * DEEP,
-    "deep objects": '{"a":' * DEEP,
-    "digits": '{"type":' + "9" * 10_000 + "}",
-    "large": " " * 20_000_000,
-    "plan": '{"fileType":"Plan","mission":{"items":[{"command":[],"params":{}},{"command":16,"frame":{}}]}}',
-    "params": '{"fileType":"Plan","mission":{"items":[{"command":16,"frame":3,'
-    '"params":[[],{},0,"x",{},1,1]}]}}',
-    "speed": '{"fileType":"Plan","mission":{"items":[{"command":178,"params":[1,{"a":1}]},'
-    '{"command":16,"frame":3,"params":[0,0,0,null,47,8,-1]}]}}',
-    "survey": '{"fileType":"Plan","mission":{"items":[{"TransectStyleComplexItem":{"Items":[1]}}]}}',
-    "mission": '{"fileType":"Plan","mission":[]}',
-    "constants": '{"fileType":"Plan","mission":{"items":[NaN,Infinity]}}',
-    "numbers": '{"fileType":"Plan","mission":{"items":[{"command":16,"frame":3,'
-    '"params":[0,0,0,null,1e400,8,-1]}]}}',
-}
 
 
 def chunk(
@@ -169,10 +153,6 @@ def test_hostile_toml(tmp_path: Path) -> None:
     )
 
 
-def test_hostile_plans(tmp_path: Path) -> None:
-    all_refused(tmp_path / "in" / "hostile.plan", encoded(JSONS), ("follow", "kelp", "FILE"))
-
-
 ONE_READER = ("one lz4 that lies", "length of a chunk", "records", "nothing")
 """The commands share it: of the last two these are enough."""
 
@@ -180,7 +160,6 @@ ONE_READER = ("one lz4 that lies", "length of a chunk", "records", "nothing")
 @pytest.mark.parametrize(
     ("command", "names"),
     [
-        ("record --repair", RECORDINGS),
         ("report", RECORDINGS),
         ("lab rerun", ONE_READER),
         ("replay", ONE_READER),

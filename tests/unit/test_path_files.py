@@ -1,7 +1,5 @@
-"""Paths of TOML and QGroundControl: read as meant, refused with file, key and value."""
+"""Paths of TOML: read as meant, refused with file, key and value."""
 
-import json
-import math
 from pathlib import Path
 
 import msgspec
@@ -14,32 +12,11 @@ from companion.telemetry.operator_commands import Follow, parse
 from companion.telemetry.path_files import read
 from companion.telemetry.plan import MAX_SEGMENTS, Lemniscate, PathPlan, Waypoint
 
-ORIGIN = (47.4, 8.55)
-METRE = 1.0 / 111318.84502145034
-
-
-def at(north_m, east_m):
-    return ORIGIN[0] + north_m * METRE, ORIGIN[1] + east_m * METRE / math.cos(math.radians(ORIGIN[0]))
-
 
 def written(tmp_path, name, content):
     file = tmp_path / name
-    file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    file.write_text(content, encoding="utf-8")
     return file
-
-
-def qgc(*items):
-    return {"fileType": "Plan", "version": 1, "mission": {"items": list(items), "version": 2}}
-
-
-def item(north, east, altitude, hold=0, radius=0, yaw=None, command=16, frame=3):
-    latitude, longitude = at(north, east)
-    params = [hold, radius, 0, yaw, latitude, longitude, altitude]
-    return {"type": "SimpleItem", "command": command, "frame": frame, "params": params}
-
-
-def places(plan):
-    return [(round(w.x_m, 2), round(w.y_m, 2), w.depth_m) for w in plan.waypoint]
 
 
 def test_toml_is_the_plan(tmp_path):
@@ -61,27 +38,6 @@ depth_m = 2.5
     assert build(plan, limits(load_config())).length_m > 8.0
 
 
-def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed(tmp_path, caplog):
-    speed = {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 0.15, -1, 0, 0, 0, 0]}
-    camera = {"type": "SimpleItem", "command": 206, "frame": 2, "params": [0.5, 0, 1, 0, 0, 0, 0]}
-    items = [item(8, 0, -2), camera, item(8, 6, -2)]
-    survey = {"type": "ComplexItem", "TransectStyleComplexItem": {"Items": items}}
-    file = written(
-        tmp_path, "dam.plan", qgc(speed, item(0, 0, -2, hold=4), item(5, 0, -2, radius=1.5, yaw=90), survey)
-    )
-    plan = read(file, ORIGIN)
-    assert caplog.messages == ["mission.items: commands [206] are no waypoints, and are left out"]
-    assert places(plan) == [(0.0, 0.0, 2.0), (5.0, 0.0, 2.0), (8.0, 0.0, 2.0), (8.0, 6.0, 2.0)]
-    assert plan.speed_mps == 0.15
-    assert (plan.waypoint[0].wait_s, plan.waypoint[1].corner_m, plan.waypoint[1].heading_deg) == (
-        4.0,
-        1.5,
-        90.0,
-    )
-    assert read(file).relative
-    assert places(read(file))[:2] == [(0.0, 0.0, 2.0), (5.0, 0.0, 2.0)]
-
-
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
@@ -94,19 +50,12 @@ def test_a_plan_of_qgroundcontrol_gives_waypoints_holds_radii_headings_and_speed
         ),
         ("a.toml", "speed = ", "is not TOML"),
         ("a.toml", 'heading = "north"\n[circle]\nradius_m = 1.0', "heading = 'north'"),
-        ("a.csv", "1,2", "want a .toml"),
-        ("a.kml", "<kml/>", "want a .toml .* or a .plan, as QGroundControl saves it"),
-        ("a.plan", "[1", "is not JSON"),
-        ("a.plan", qgc(item(0, 0, 50)), r"mission.items\[0\].params\[6\] \(altitude; minus the depth\) = 50"),
-        ("a.plan", qgc(item(0, 0, -1, command=20)), r"mission.items\[0\].command = 20: only waypoints"),
-        ("a.plan", qgc(item(0, 0, -1, frame=10)), r"mission.items\[0\].frame = 10"),
-        ("a.plan", qgc(), "no waypoint"),
-        ("a.plan", {"mission": {}}, "fileType, mission.items"),
+        ("a.kml", "<kml/>", "is not TOML"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_with_file_and_key(tmp_path, name, content, said):
     with pytest.raises(ValueError, match=said) as refused:
-        read(written(tmp_path, name, content), ORIGIN)
+        read(written(tmp_path, name, content))
     assert str(refused.value).startswith(str(tmp_path / name))
 
 
