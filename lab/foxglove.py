@@ -37,7 +37,7 @@ def convert(recording: Path, out: Path, origin: tuple[float, float] | None) -> i
     """Write a copy with Foxglove's channels; return how many messages were added.
 
     `origin` is that of x and y, in degrees; without it there is no /location. Raises RefusedError for a
-    recording that is cut or has no state.
+    recording that has no state. Of one that was cut the copy is whole.
     """
     reader, copy = Reader(recording), Recording(out)
     channels: dict[str, int] = {}
@@ -51,8 +51,6 @@ def convert(recording: Path, out: Path, origin: tuple[float, float] | None) -> i
                     channels[topic] = copy.writer.register_channel(topic, "protobuf", schema)
                 copy.writer.add_message(channels[topic], at_ns, message.SerializeToString(), at_ns)
                 added += 1
-        if not reader.whole:
-            raise RefusedError(f"{recording} is cut: `holdfast record --repair` makes a whole one of it")
         if "/pose" not in channels:
             raise RefusedError(f"{recording}: no dive in it, for there is no state")
         copy.close()

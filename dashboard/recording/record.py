@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
@@ -21,9 +21,8 @@ from zenoh import ext
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.session import SessionThread, client_configuration, ticks_per_sample
 from dashboard.arguments import MB, add_connect, until_ended
-from dashboard.recording.mcap_file import repair
 from dashboard.recording.recorder import DiveRecorder, FileLimits
-from holdfast import DONE, REFUSED, RefusedError, files, own_version
+from holdfast import files, own_version
 from holdfast.command_line import command_parser
 from holdfast.version import revision
 
@@ -45,7 +44,6 @@ examples:
   holdfast record                               everything that the first vehicle publishes, to ./dives
   holdfast record kelp --out /data              a new file every 250 MB; 500 MB stay free
   holdfast run --set telemetry.raw=true         publish every datagram too, for `holdfast lab rerun`
-  holdfast record --repair dives/cut.mcap       write dives/cut.repaired.mcap, with the index
 
 Foxglove and Lichtblick open and plot the files. Other commands read them, truncated ones too:
   holdfast report FILE    write a report                  holdfast replay FILE   show it on a dashboard
@@ -247,11 +245,7 @@ def main(argv: list[str]) -> int:
         ("--reserve-mb", 500.0, "pause while less is free; default %(default)g"),
     ):
         add(name, type=_positive, default=default, metavar="MB", help=purpose)
-    repairs = "do not record: copy what can be read of truncated recordings, and end"
-    add("--repair", nargs="+", type=Path, metavar="FILE", help=repairs)
     options = parser.parse_args(argv)
-    if options.repair:
-        return _repair(options.repair)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=options.out):
@@ -265,20 +259,6 @@ def main(argv: list[str]) -> int:
         while recorder.failure is None and not ended.wait(_LOOK_S):
             pass
     return 1 if recorder.failure is not None else 0
-
-
-def _repair(paths: Sequence[Path]) -> int:
-    status = DONE
-    for file in paths:
-        try:
-            sys.stdout.write(f"{file}: {repair(file)}\n")
-        except (ValueError, RefusedError) as error:
-            sys.stderr.write(f"holdfast record: {error}\n")
-            status = REFUSED
-        except OSError as error:  # the other files may be there
-            sys.stderr.write(f"holdfast record: {error.filename}: {error.strerror}\n")
-            status = REFUSED
-    return status
 
 
 def _positive(text: str) -> float:

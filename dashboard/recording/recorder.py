@@ -34,8 +34,6 @@ AGAIN_S = 5
 """Between attempts to begin a file."""
 AGAIN = f"tries again every {AGAIN_S} s"
 
-REPAIR = "`holdfast record --repair FILE` adds its index"
-
 
 class _Times(msgspec.Struct):
     t_s: float = math.nan
@@ -234,7 +232,7 @@ class DiveRecorder:
             with suppress(OSError):
                 left = file.give_up()
         if file is not None and left:
-            self.said = f"stopped: {why}; {file.path.name} is truncated, {REPAIR}; {AGAIN}"
+            self.said = f"stopped: {why}; {file.path.name} has no end, but can be read; {AGAIN}"
 
 
 class Losses:

@@ -28,7 +28,6 @@ from sim_bridge.sim_config import load_config
         ["report", "nowhere"],
         ["lab", "rerun", "nowhere"],
         ["replay", "nowhere"],
-        ["record", "--repair", "nowhere"],
         ["lab", "campaign", "--set", "nowhere.x=1"],
         ["watch", "--once", "--connect", "nowhere"],
         ["record", "--connect", "nowhere"],

@@ -23,7 +23,6 @@ from dashboard.recording.mcap_file import (
     Item,
     Reader,
     Recording,
-    repair,
     schema_of,
 )
 from dashboard.recording.record import main as record_main
@@ -119,41 +118,15 @@ def test_a_cut_file_gives_all_whole_chunks(written: Path, tmp_path: Path, kept: 
     data = written.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: int(kept * len(data))])
-    said = repair(cut)
-    reader, again = Reader(cut), Reader(tmp_path / "cut.repaired.mcap")
-    items = list(again)
-    assert items == list(reader) == whole[: len(items)]
-    assert again.whole
-    assert again.metadata["config"] == {"heave.kappa_per_s": "11.0"}
-    assert again.metadata["repaired"]["lost_bytes"] == str(reader.lost_bytes)
-    assert f"{len(items)} samples are in {again.path}; {reader.lost_bytes} bytes" in said
+    reader = Reader(cut)
+    items = list(reader)
+    assert items == whole[: len(items)]
     assert not reader.whole
     assert len(items) > 0.9 * kept * len(whole) - 200
-    with again.path.open("rb") as file:
-        assert make_reader(file).get_summary() is not None
-
-
-def test_a_repair_leaves_the_original_and_a_whole_file_alone(
-    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    cut, nothing, none = tmp_path / "cut.mcap", tmp_path / "x.mcap", tmp_path / "none.mcap"
-    data = written.read_bytes()[:-2000]
-    cut.write_bytes(data)
-    nothing.write_bytes(b"hello")
-    assert record_main(["--repair", str(written), str(cut)]) == 0
-    assert "kelp.mcap: is whole" in capsys.readouterr().out
-    assert record_main(["--repair", str(cut), str(nothing), str(none)]) == 2
-    said = capsys.readouterr().err
-    assert "cut.repaired.mcap: File exists" in said
-    assert "x.mcap: is no MCAP file" in said
-    assert "none.mcap: No such file" in said
-    assert cut.read_bytes() == data
-    repaired = tmp_path / "cut.repaired.mcap"
-    assert set(tmp_path.glob("*.mcap")) == {written, cut, nothing, repaired}
 
 
 def test_a_recording_that_is_still_written_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
-    """It grows while it is read: `--repair` failed."""
+    """It grows while it is read."""
     path = tmp_path / "now.mcap"
     recording = Recording(path)
 
@@ -167,7 +140,6 @@ def test_a_recording_that_is_still_written_is_read_as_far_as_it_goes(tmp_path: P
         assert item.payload == b"{}"
         more()
     assert (reader.lost_bytes, reader.broken_chunks, reader.whole) == (0, 0, False)
-    assert f"{recording.messages} samples are in" in repair(path)
     recording.close()
 
 
@@ -249,7 +221,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert "File too large" in kept.said
-    assert "record --repair" in kept.said
+    assert "can be read" in kept.said
     assert not kept.status(10.0, 0).recording
     kept.stop()
     (path,) = tmp_path.glob("*.mcap")
