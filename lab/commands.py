@@ -10,7 +10,6 @@ from lab.options import json_file
 BENCHES = {
     "dives": "lab.studies.dives:Dives",
     "position": "lab.studies.places:Courses",
-    "corners": "lab.studies.corners:Corners",
     "reality": "lab.studies.reality:Reality",
     "rivals": "lab.studies.rivals:Rivals",
     "firmware": "lab.studies.fidelity:Fidelity",
@@ -18,7 +17,6 @@ BENCHES = {
 BENCH_EXAMPLES = """\
 further benches, each with its own --help:
   position    places and paths in a current, with a DVL, beside a P-PI and ArduSub's POSHOLD and GUIDED
-  corners     vehicles of a third and three times the gain, with lags and delays: limit cycles
   reality     vehicles between the published models and a real one, in current, waves, tether;
               --scenarios: a gain of its own on each axis, light ones, a Heavy as measured in a tank
   rivals      other laws on such vehicles, in depth and in place
@@ -41,13 +39,6 @@ examples:
   holdfast lab tune --vehicle bluerov2                    for another simulated vehicle
   holdfast lab tune --evaluations 40 --seeds 4            a quick search
   holdfast lab tune ppi indi                              two rows of the bench
-"""
-CAMPAIGN_EXAMPLES = """\
-examples:
-  holdfast lab campaign --dives 200                             a quick look, to out/campaign
-  holdfast lab campaign                                         6000 dives; the same command continues
-  holdfast lab campaign --table out/campaign.csv                also a table with one row for each dive
-  holdfast lab campaign --first 1234 --dives 1 --out out/one    one of them again
 """
 FAULTS_EXAMPLES = """\
 examples:
@@ -135,11 +126,6 @@ def paper(argv: list[str]) -> int:
 def tune(argv: list[str]) -> int:
     """Search gains for your vehicle, or for the rows of the bench."""
     return _study("lab.studies.tune:Tune", argv, TUNE_EXAMPLES)
-
-
-def campaign(argv: list[str]) -> int:
-    """Simulate thousands of dives with new vehicles, links and seas."""
-    return _study("lab.studies.campaign:Campaign", argv, CAMPAIGN_EXAMPLES)
 
 
 def faults(argv: list[str]) -> int:

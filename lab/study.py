@@ -71,8 +71,6 @@ class Study(ABC, Generic[C]):
     unit: ClassVar[str] = "dives"
     recipe: ClassVar[tuple[str, ...]] = ("set", "firmware")
     """The options that change the result of a dive; rows of another recipe are not continued."""
-    keeps_rows: ClassVar[bool] = False
-    """Whether the rows stay in their file when the study is complete, so that a longer run continues them."""
     rows_key: ClassVar[str] = "dives"
     """Key of the rows in the JSON file."""
     steps = 1
@@ -151,7 +149,7 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
     """Dive what is missing, print, draw and write; return the exit status."""
     made, cases = provenance(arguments.command), study.cases()
     path = study.journal(arguments.out)
-    journal = Journal(path, cases[0]._fields, made | {"recipe": recipe(study, arguments)}, study.keeps_rows)
+    journal = Journal(path, cases[0]._fields, made | {"recipe": recipe(study, arguments)})
     missing = [case for case in cases if case not in journal.rows]
     if len(missing) < len(cases):
         console.print(f"{path}: {len(cases) - len(missing)} of these {study.unit} are there already")
@@ -165,23 +163,18 @@ def run(study: Study[Any], arguments: argparse.Namespace, console: Console) -> i
         console.print(shown, soft_wrap=isinstance(shown, str))
     if files := study.draw(rows, path.parent):
         console.print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
-    if study.keeps_rows:
-        console.print(f"rows: {path.with_suffix('.csv')}", soft_wrap=True)
-        write_table(path.with_suffix(".csv"), _flat([*journal.rows.values()]))
-    else:
-        path.unlink()
+    path.unlink()
     content = {"provenance": made, **study.summary(rows)}
     write_json(path.with_name(f"{study.command.split()[-1]}.json"), content)
     if arguments.json:
         untraced = [{key: value for key, value in row.items() if key != "trace"} for row in rows]
         write_json(arguments.json, content | {study.rows_key: untraced})
     if arguments.table:
-        write_table(arguments.table, _flat(rows))
+        flat = [
+            {key: value for key, value in row.items() if not isinstance(value, list | dict)} for row in rows
+        ]
+        write_table(arguments.table, flat)
     return FAILED if study.failed(rows) else 0
-
-
-def _flat(rows: Sequence[Row]) -> list[Row]:
-    return [{key: value for key, value in row.items() if not isinstance(value, list | dict)} for row in rows]
 
 
 def _dive(
@@ -246,11 +239,8 @@ def workforce(workers: int | None) -> Iterator[tuple[Executor | None, int]]:
 class Journal:
     """Rows on disk as they come: JSON lines, of which the first says what made them."""
 
-    def __init__(self, path: Path, fields: Sequence[str], made: Mapping[str, str], keeps_rows: bool) -> None:
-        """Open or begin; `fields` of a row identify it.
-
-        Raises RefusedError if rows that are to be kept were made by another recipe.
-        """
+    def __init__(self, path: Path, fields: Sequence[str], made: Mapping[str, str]) -> None:
+        """Open, or begin where another recipe made what is there; `fields` of a row identify it."""
         self._path, self._fields = path, fields
         self.rows: dict[tuple[Any, ...], Row] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -261,11 +251,6 @@ class Journal:
             path.write_bytes(b"".join(lines))
             for line in lines[1:]:
                 self._add(json.loads(line, object_hook=_with_nan))
-        elif keeps_rows and (lines or path.with_suffix(".csv").exists()):
-            raise RefusedError(
-                f"{path.parent} holds rows of another configuration or version: choose another --out, or "
-                "remove them"
-            )
         else:
             path.write_text(json.dumps(made) + "\n", encoding="utf-8")
 

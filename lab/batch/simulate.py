@@ -1,4 +1,4 @@
-"""Thousands of dives without MAVLink bytes: for the tuning search and the campaigns.
+"""Thousands of dives without MAVLink bytes: for the tuning search.
 
 The equations that steer are the vehicle's own, those of the plant the simulator's, compiled as they stand;
 `companion` and `vehicle` beside this file hold what is left between, `loop` goes through a dive.
@@ -16,11 +16,9 @@ from lab.batch.companion import companion_of
 from lab.batch.compiled import cached, is_ours
 from lab.batch.loop import dive
 from lab.batch.stand_in import ENGAGED_S, TICK_S, Links, Rows, drawn, refuse, timing, vehicle_of
-from lab.loop.dive import figures_of, rms
+from lab.loop.dive import figures_of
 from lab.loop.scenarios import SETTLE_S
 from sim_bridge.sim_config import SimConfig
-
-TAIL_S = 10.0
 
 
 def simulate(
@@ -45,9 +43,8 @@ def simulate(
         since_s: figures count from here.
 
     Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, thrust_rms_n and
-    chatter_n, place_chatter_n (RMS change of the horizontal force in a tick), tail_rms_mm (depth RMS of the
-    last TAIL_S), tilt_deg (largest), hidden_s (hidden delay that was
-    found at the end) and lost_s (since boot; NaN if never lost).
+    chatter_n, place_chatter_n (RMS change of the horizontal force in a tick), tilt_deg (largest), hidden_s
+    (hidden delay that was found at the end) and lost_s (since boot; NaN if never lost).
     Raises ValueError for what only the full loop can do.
 
     """
@@ -55,9 +52,7 @@ def simulate(
     targets = [target] * len(plants) if callable(target) else list(target)
     ticks = round(duration_s / TICK_S) - round(ENGAGED_S / TICK_S)
     ends_s = ENGAGED_S + TICK_S * np.arange(1, ticks + 1)
-    since, tail = (
-        int(np.searchsorted(ends_s, at_s - 1e-9)) for at_s in (since_s, duration_s - TAIL_S + 1e-6)
-    )
+    since = int(np.searchsorted(ends_s, since_s - 1e-9))
     wanted = {target: targets_of(target, ends_s.tolist()) for target in dict.fromkeys(targets)}
     links = links or Links()
     delays = [
@@ -78,7 +73,6 @@ def simulate(
         tilt = np.arccos(np.clip(found[since:held, 3], -1.0, 1.0))
         figures = figures_of(place[since:held], tilt, found[since:held, 4:])
         figures["place_rms_mm"] = figures["place_rms_mm"] if vehicle.positioned else np.nan
-        figures["tail_rms_mm"] = 1e3 * rms(place[max(since, tail) : held, 2])
         rows.append(figures | {"hidden_s": hidden_s, "lost_s": lost_s})
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
