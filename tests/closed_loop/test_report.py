@@ -22,10 +22,10 @@ from companion.records import ControlSample, Request, State
 from companion.telemetry import samples
 from companion.telemetry import schemas as telemetry
 from companion.telemetry.modes import Mode
-from dashboard.recording.mcap_file import Item, Recording
+from dashboard.recording.mcap_file import Item, Reader, Recording
 from dashboard.recording.record import readable
 from holdfast import RefusedError
-from lab.foxglove import in_space
+from lab.foxglove import convert, in_space
 from lab.loop.lockstep import LinkDelay, Lockstep, Step
 from lab.report.figures import phases
 from lab.report.log import Log, load
@@ -222,6 +222,20 @@ def test_foxglove_reads_poses_places_and_log_by_its_own_decoder(dive: Path, log:
     assert logged == ["an earlier hold", "<b>leak</b>", "<b>leak</b>"]
     layout = (ROOT / "docs" / "examples" / "foxglove.json").read_text()
     assert set(re.findall(r'"(/\w+)', layout)) <= channels | {"/location"}
+
+
+def test_the_copy_for_foxglove_of_a_cut_recording_has_an_index(dive: Path, tmp_path: Path) -> None:
+    cut, out = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
+    cut.write_bytes(dive.read_bytes()[:-20_000])
+    reader = Reader(cut)
+    count = sum(1 for _ in reader)
+    assert not reader.whole
+    convert(cut, out, None)
+    with out.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count > count
 
 
 def test_foxglove_has_the_place_on_the_map_where_there_is_one(in_waves: list[Step]) -> None:
