@@ -324,7 +324,7 @@ class Config(Section, frozen=True):
     delays: DelaySection = DelaySection()
     thrusters: ThrusterSection = ThrusterSection()
     levelling: LevellingSection = LevellingSection()
-    surge: AxisSection = AxisSection(kappa_per_s=8.0)
+    surge: AxisSection = AxisSection(kappa_per_s=8.0, max_disturbance=70.0)
     sway: AxisSection = AxisSection(
         mass=18.0, linear_damping=6.0, quadratic_damping=130.0, kappa_per_s=8.0, max_disturbance=70.0
     )

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from virtual import Dive, Somebody, hold, shared
 
+from companion.config import load_config
 from companion.guidance.paths.shapes import build
 from companion.guidance.paths.time_law import limits
-from companion.records import Condition, Request, State
+from companion.records import Condition, Request, Setpoint, State
 from companion.telemetry.operator_commands import Goto, SetPath
 from companion.telemetry.plan import Circle, PathPlan
+from lab.loop.dive import engaging, recorded
+from lab.studies.trials import DEPTH_M, delayed
 
 PLACE = {"x": 0.0, "y": 0.0, "z": 2.0, "psi": 0.0}
 DVL = ("initial.eta=[0,0,2,0,0,0]", "sensors.dvl=true", "current.enabled=true", "current.sigma_m_s=0.02")
@@ -45,6 +48,25 @@ def test_a_vehicle_that_tilted_as_it_stopped_a_drift_is_soon_at_its_place_again(
     dive = current(0.5, 0.0, *turning)
     dive.run(16.0)
     assert believed_error_m(dive.run(3.0)).mean() < 0.1
+
+
+def test_a_place_that_swings_against_a_current_in_waves_is_followed_behind_a_delay():
+    """0.8 m north and back in 8 s, a current of 0.3 m/s to the north, 50 ms of delay each way."""
+
+    def swing(t_s):
+        phase = np.pi / 4.0 * max(t_s - 14.0, 0.0)
+        x, x_dot, x_ddot = 1.0 - np.cos(phase), np.sin(phase), np.cos(phase) if t_s > 14.0 else 0.0
+        at = (0.4 * x, 0.4 * np.pi / 4.0 * x_dot, 0.4 * (np.pi / 4.0) ** 2 * x_ddot)
+        (x_m, *rates) = map(float, at)
+        return Setpoint((x_m, 0.0, DEPTH_M, 0.0), *((rate, 0.0, 0.0, 0.0) for rate in rates))
+
+    seed = 9001
+    there = delayed(seed, "place")
+    with engaging(load_config(), there.plant, swing(0.0), seed, there.link, surveyed=True) as loop:
+        dived = recorded(list(loop.run(60.0, swing))).within(30.0, 60.0)
+    off_m = np.hypot(*(dived.believed - dived.reference[:, :2]).T)
+    assert dived.held
+    assert off_m.max() < 0.2
 
 
 @shared
