@@ -90,7 +90,8 @@ def test_a_dive_whose_recorder_was_killed(tmp_path: Path) -> None:
     assert "1 orders and 1 retunes" in again.stdout
     assert "every byte sent is the same" in again.stdout
 
-    whole = path.with_name("whole.mcap")
+    whole = tmp_path / "foxglove" / "whole.mcap"
+    whole.parent.mkdir()
     report = holdfast("report", str(path), "--foxglove", str(whole))
     assert report.returncode == 0, report.stderr
     with whole.open("rb") as file:
