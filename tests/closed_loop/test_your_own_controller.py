@@ -54,7 +54,7 @@ def run(script, folder):
 SHORT = """
 from dataclasses import replace
 from lab.loop import scenarios
-from lab.studies import search
+from lab.studies import gain_search as search
 whole, searched, search.TRAINING_S = scenarios.four, search.search, 4.0
 def short(*arguments):
     return tuple(replace(one, duration_s=scenarios.SETTLE_S + 4.0) for one in whole(*arguments))
@@ -81,6 +81,7 @@ def test_the_commands_of_the_page_give_what_it_says(folder):
     for script in dives:
         answer = run(f"{path}\n{script}", folder)
         assert answer.returncode == 0, answer.stderr
+        assert "sitecustomize" not in answer.stderr
         (rows,) = re.findall(r"(?:--rows|tune) ((?:[a-z]\w* )+)--", script)
         for row in rows.split():
             assert {"default": "Holdfast"}.get(row, row) in answer.stdout  # by its title
