@@ -112,14 +112,13 @@ def _found(watched: Watched, state: VehicleState) -> Details:
     found = {}
     if watched.interruption:
         found[C.INTERRUPTED_OFTEN] = (watched.interruption, "")
-    if depth := state.depth_doubt:
-        found |= {C.DEPTH_DOUBTED: (depth, ""), C.DEPTH_STALE: (depth, C.DEPTH_DOUBTED.remedy)}
-    if attitude := state.attitude_doubt:
-        remedy = C.ATTITUDE_DOUBTED.remedy
-        found |= {C.ATTITUDE_DOUBTED: (attitude, ""), C.ATTITUDE_STALE: (attitude, remedy)}
-    if position := state.position_doubt:
-        remedy = C.POSITION_DOUBTED.remedy
-        found |= {C.POSITION_DOUBTED: (position, ""), C.POSITION_STALE: (position, remedy)}
+    for doubt, doubted, stale in (
+        (state.depth_doubt, C.DEPTH_DOUBTED, C.DEPTH_STALE),
+        (state.attitude_doubt, C.ATTITUDE_DOUBTED, C.ATTITUDE_STALE),
+        (state.position_doubt, C.POSITION_DOUBTED, C.POSITION_STALE),
+    ):
+        if doubt:
+            found |= {doubted: (doubt, ""), stale: (doubt, doubted.remedy)}
     if watched.pull_n >= 1.0:
         newtons = 10.0 * math.ceil(0.1 * watched.pull_n)
         found[C.SATURATED] = ("", f"it takes {newtons:.0f} N: {C.SATURATED.remedy}")
