@@ -305,6 +305,13 @@ class Condition(IntFlag):
         "avoid the current, go deeper below waves, slow the path down, or raise max_force",
         "the thrust is enough again",
     )
+    THRUST_UNANSWERED = (
+        "full vertical thrust does not move the vehicle",
+        "the depth changes by less than 5 cm in 3 s of it: something holds the vehicle, or its depth sensor "
+        "does not answer, as one whose port is blocked",
+        "look where the vehicle is; free it, or take it up by hand and clear the port of the depth sensor",
+        "full vertical thrust moves the vehicle",
+    )
     OFF_TRACK = (
         "too far from the setpoint",
         "by more than max_error_m or max_error_deg for off_track_s, less the time in which it was not; the "

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from companion.config import SupervisorLimits
+from companion.config import Config, SupervisorLimits
 from companion.records import (
     PSI,
     Dofs,
@@ -49,6 +49,10 @@ UNSATURATED_COUNTS = 0.5
 """Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
 DEPTH_HELD_M = 0.3
 """A tilted vehicle whose depth error is below this is not handed over: ALT_HOLD would let it sink."""
+UNANSWERED_M = 0.05
+"""A vehicle whose depth changes by less than this answers no thrust."""
+FULL_THRUST = 0.95
+"""This share of `max_force` is full thrust: a load of 0.9 of it is held."""
 OTHER_S = 3.0
 """A Holdfast heard within this time of our first contact was there before us. After this time without a frame
 it has left. One that came after us gives way within this time."""
@@ -74,6 +78,8 @@ class Monitor:
         self._dropped = self._peer_changes = 0
         self._bad_motor, self._found_since_s = 0, NEVER
         self._mean_innovation = [0.0] * 4
+        self._pushed_at_m = math.nan
+        """The depth from which the vehicle moved last."""
         self._other_since_s = self._other_t_s = NEVER
         self._other_first = False
 
@@ -84,13 +90,12 @@ class Monitor:
     def step(
         self,
         observed: Observation,
-        limits: SupervisorLimits,
+        config: Config,
         parameters: Mapping[str, float],
         previous: Verdict,
-        tick_s: float,
     ) -> Watched:
         """Observe one tick; `parameters` are those before its events, `previous` is the last verdict."""
-        state, loop, now_s = observed.state, observed.loop, observed.state.t_s
+        state, loop, now_s, limits = observed.state, observed.loop, observed.state.t_s, config.supervisor
         self._changed_t_s = min(self._changed_t_s, now_s)
         for event in observed.events:
             self._hear(event, limits, parameters)
@@ -100,7 +105,7 @@ class Monitor:
             self._peer_changes, self._peer_t_s = loop.peer_changes, now_s
         if loop.samples_dropped > self._dropped:
             self._dropped, self._dropped_t_s = loop.samples_dropped, now_s
-        self._measure(observed, limits, previous, tick_s)
+        self._measure(observed, config, previous)
         self._average(observed)
         watched, other_here = self.watched, now_s - self._other_t_s <= OTHER_S
         pilot_steers = now_s - self._pilot_t_s <= limits.pilot_hold_s
@@ -141,13 +146,11 @@ class Monitor:
             case Reboot():
                 self._rebooted_t_s, watched.ekf = event.t_s, None
 
-    def _measure(
-        self, observed: Observation, limits: SupervisorLimits, previous: Verdict, tick_s: float
-    ) -> None:
+    def _measure(self, observed: Observation, config: Config, previous: Verdict) -> None:
         """Count how long each lasts that has to last; while steering is interrupted, what lasted goes on."""
         watched, dt_s, state, dofs = self.watched, observed.dt_s, observed.state, observed.dofs
-        active = previous.state is State.ACTIVE
-        paused = interruption(observed, limits, tick_s) if active else ""
+        active, limits = previous.state is State.ACTIVE, config.supervisor
+        paused = interruption(observed, limits, 1.0 / config.loop.rate_hz) if active else ""
         off_track = depth_held = False
         if paused:
             off_track = watched.off_track_s > 0.0
@@ -165,9 +168,11 @@ class Monitor:
         watched.ekf_doubt_s = _lasting(watched.ekf_doubt_s, dt_s, holds=doubtful)
         watched.battery_low_s = _lasting(watched.battery_low_s, dt_s, holds=low)
         if not paused and not previous.authority > 0.0:
-            watched.saturated_s = watched.pull_n = 0.0
+            watched.saturated_s = watched.pull_n = watched.unanswered_s = 0.0
         elif dofs is not None:
             self._count_saturated(observed, dofs, limits, paused=bool(paused))
+            if not paused:
+                self._count_unanswered(observed, dofs, config.heave.max_force)
         # A vehicle that turns round and round is on its heading once in each turn.
         counted_s = watched.off_track_s + (dt_s if off_track else -dt_s)
         steers = previous.authority > 0.0 or bool(paused)
@@ -193,6 +198,15 @@ class Monitor:
         watched.saturated_s = min(max(counted_s, 0.0), 1.5 * limits.saturated_s + observed.dt_s)
         pulls = [d * full for d, full in zip(observed.state.disturbance[:PSI], cut[:PSI], strict=True)]
         watched.pull_n = max(watched.pull_n, math.hypot(*pulls)) if watched.saturated_s > 0.0 else 0.0
+
+    def _count_unanswered(self, observed: Observation, dofs: Dofs, most_n: float) -> None:
+        """Count how long full vertical thrust has not moved the vehicle."""
+        z_m = observed.state.eta[Z]
+        pushes = observed.held[Z] and abs(dofs.tau[Z]) >= FULL_THRUST * most_n
+        if not abs(z_m - self._pushed_at_m) <= UNANSWERED_M:
+            self.watched.unanswered_s, self._pushed_at_m = 0.0, z_m
+        counted_s = self.watched.unanswered_s + (1.0 if pushes else -UNSATURATED_COUNTS) * observed.dt_s
+        self.watched.unanswered_s = max(counted_s, 0.0)
 
     def _average(self, observed: Observation) -> None:
         """Average the innovations, with a memory of INNOVATION_MEMORY_S; what is not finite begins anew."""

@@ -17,6 +17,8 @@ NOTHING = Condition(0)
 
 CLOCK_DOUBT_S = 2.0
 """After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
+UNANSWERED_S = 3.0
+"""A vehicle that full thrust moves has moved by then, even against a load that nearly takes that thrust."""
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
 SAMPLE_S = 0.1
@@ -168,6 +170,7 @@ RULES: dict[Condition, Rule] = {
     C.SATURATED: Rule(
         lambda now, limits: not now.watched.saturated_s <= limits.saturated_s, warns=True, freezes=True
     ),
+    C.THRUST_UNANSWERED: Rule(lambda now, _: not now.watched.unanswered_s <= UNANSWERED_S),
     C.OFF_TRACK: Rule(lambda now, limits: not now.watched.off_track_s <= limits.off_track_s),
     C.CLOCK_JUMPED: Rule(lambda now, _: not now.state.clock_doubt_s <= 0.0, warns=True, freezes=True),
     C.INNOVATION_LARGE: Rule(_innovation_large, blocks=True),
@@ -244,7 +247,7 @@ TRANSITIONS = (
         (S.HAND_OVER, C.LEAK),
         (S.RAMP_DOWN, C.AUTOPILOT_FAILSAFE),
         (S.HAND_OVER, C.PILOT_LOST_SURFACE),
-        (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP),
+        (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP, C.THRUST_UNANSWERED),
         (S.HAND_OVER, C.INTERRUPTED_OFTEN, C.DELAY_TOO_LONG, C.CLOCK_INCONSISTENT, C.INNOVATION_LARGE),
         (S.HAND_OVER, C.THRUSTER_MISSED, C.TILT_PERSISTS, C.OFF_TRACK),
     ),

@@ -65,6 +65,8 @@ class Watched(msgspec.Struct, kw_only=True):
     """Time in saturation minus half of the time out of it."""
     pull_n: float = 0.0
     """The largest disturbance of that time, along what is saturated."""
+    unanswered_s: float = 0.0
+    """Time in which full vertical thrust has not changed the depth."""
     off_track_s: float = 0.0
     tilted_s: float = 0.0
     """Too far from its angle, and from its depth."""

@@ -58,7 +58,7 @@ class Supervision:
         hand_over = mode.step_hand_over(
             previous, state, self._parameters, self._monitor.pilot_heard_s, limits.keep_alt_hold_s
         )
-        watched = self._monitor.step(observed, limits, self._parameters, previous, tick_s)
+        watched = self._monitor.step(observed, config, self._parameters, previous)
         now = Situation(
             observed=observed,
             state=state,

@@ -98,6 +98,39 @@ def test_a_sensor_that_hangs_for_a_moment_is_ridden_out():
     assert off(steps[-50:])[0] < 0.03
 
 
+def blocked(seed=1):
+    """What comes where the port of the depth sensor is blocked: noise about what it said last."""
+    rng = np.random.default_rng(seed)
+
+    def about(scale):
+        def noisy(value, first):
+            noise = scale * rng.standard_normal()
+            return first + (round(noise) if isinstance(value, int) else noise)
+
+        return noisy
+
+    return {
+        "GLOBAL_POSITION_INT": {"relative_alt": about(3.0), "alt": about(3.0)},
+        "SCALED_PRESSURE": {"press_abs": about(0.3)},
+        "SCALED_PRESSURE2": {"press_abs": about(0.3)},
+        "VFR_HUD": {"climb": lambda *_: 0.005 * rng.standard_normal(), "alt": about(3e-3)},
+    }
+
+
+@pytest.mark.parametrize("to_m", [DEPTH_M - 1.0, DEPTH_M + 1.0])
+def test_a_depth_with_noise_that_full_thrust_does_not_move_ends_control(to_m):
+    dive = held(*WAVES)
+    dive.tap.spoil = rewritten(blocked())
+    dive.tap.aim(hold(z=to_m))
+    steps = dive.run(10.0)
+    active_ = list(itertools.takewhile(lambda step: step.sample.verdict.state is State.ACTIVE, steps))
+    ended = steps[len(active_)].sample.verdict
+    assert ended.reason == Condition.THRUST_UNANSWERED.text
+    assert "port of the depth sensor" in ended.remedy
+    assert off(active_)[0] < 2.5
+    assert dive.motors_rest()
+
+
 PLACED = ("sensors.dvl=true", "sensors.dvl_drift_m=0", "current.enabled=true", "current.speed_m_s=0.15")
 DVL = {
     "all": dict.fromkeys(("x", "y", "vx", "vy"), freeze),

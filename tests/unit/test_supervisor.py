@@ -25,6 +25,7 @@ from companion.supervision.handover import HandOverStep
 from companion.supervision.rules import (
     CLOCK_DOUBT_S,
     RESET_SETTLE_S,
+    UNANSWERED_S,
     assess,
 )
 from companion.supervision.situation import Observation, Situation, Watched
@@ -113,6 +114,7 @@ EXPECTED = {
         C.CLOCK_INCONSISTENT: State.HAND_OVER,
         C.INNOVATION_LARGE: State.HAND_OVER,
         C.OFF_TRACK: State.HAND_OVER,
+        C.THRUST_UNANSWERED: State.RAMP_DOWN,
         C.EKF_UNHEALTHY: State.RAMP_DOWN,
         C.DEPTH_OUT_OF_BOUNDS: State.RAMP_DOWN,
         C.AUTOPILOT_FAILSAFE: State.RAMP_DOWN,
@@ -393,6 +395,7 @@ SEEN = [
     (RESTING, {"failsafe_surfaces": True, "mode_right": False}, C.FAILSAFE_SURFACES | C.WRONG_MODE),
     (RESTING, {"battery_low_s": LIMITS.battery_low_s + 0.01}, C.BATTERY_LOW),
     (RESTING, {"saturated_s": LIMITS.saturated_s + 0.01}, C.SATURATED),
+    (RESTING, {"unanswered_s": UNANSWERED_S + 0.01}, C.THRUST_UNANSWERED),
     (RESTING, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
     (RESTING, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
     (structs.replace(RESTING, dead_motor=6), {}, C.THRUSTER_DEAD),

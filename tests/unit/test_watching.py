@@ -9,6 +9,7 @@ from builders import RESTING
 from msgspec import structs
 from test_supervisor import LIMITS, SAFE
 
+from companion.config import Config
 from companion.records import (
     Condition,
     EkfStatus,
@@ -24,7 +25,9 @@ from companion.records import (
 from companion.supervision.monitor import ANNOUNCED_S, FAILSAFE_SETTLE_S, LEAK_REPEAT_S, Monitor
 from companion.supervision.situation import Observation
 
-TICK_S = 0.02
+CONFIG = Config(supervisor=LIMITS)
+TICK_S = 1.0 / CONFIG.loop.rate_hz
+FULL_N = CONFIG.heave.max_force
 ALL = np.ones(4, bool)
 
 
@@ -43,7 +46,7 @@ class Seen:
         state = structs.replace(state, t_s=self.now_s)
         given: dict[str, Any] = {"held": ALL, "dofs": dofs} | changes
         observed = Observation(state=state, dt_s=dt_s, loop=health, events=stamped, **given)
-        return self.watch.step(observed, LIMITS, parameters, previous, TICK_S)
+        return self.watch.step(observed, CONFIG, parameters, previous)
 
     def later(self, seconds, **changes):
         """After a gap without ticks."""
@@ -51,8 +54,8 @@ class Seen:
 
 
 class Dofs:
-    def __init__(self, saturated=(False,) * 4, e=(0.0,) * 4):
-        self.saturated, self.e = np.array(saturated), np.array(e)
+    def __init__(self, saturated=(False,) * 4, e=(0.0,) * 4, heave_n=0.0):
+        self.saturated, self.e, self.tau = np.array(saturated), np.array(e), (0.0, 0.0, heave_n, 0.0)
 
 
 @pytest.fixture
@@ -154,6 +157,40 @@ def test_thrust_that_is_cut_off_in_each_wave_is_not_enough_and_what_pulls_then_i
     assert watched.pull_n == 60.0
     assert cut_off(seen, 0.0, 20.0).saturated_s == watched.pull_n == 0.0
     assert cut_off(seen, 1.0, 9.0, held=~ALL).saturated_s == 0.0
+
+
+def at_depth(z_m):
+    return structs.replace(RESTING, eta=(*RESTING.eta[:2], z_m, RESTING.eta[3]))
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_full_vertical_thrust_that_moves_nothing_is_counted(seen, way):
+    push = Dofs(heave_n=way * FULL_N)
+    for _ in range(11):
+        watched = seen.step(dofs=push)
+    assert watched.unanswered_s == pytest.approx(10 * TICK_S, abs=2 * TICK_S)
+    assert seen.step(dofs=Dofs()).unanswered_s < watched.unanswered_s + TICK_S
+    assert seen.step(dofs=push, state=at_depth(RESTING.eta[2] + 0.06)).unanswered_s <= TICK_S
+    assert seen.step(dofs=push, authority=0.0).unanswered_s == 0.0
+
+
+@pytest.mark.parametrize(
+    ("dofs", "held"),
+    [
+        (Dofs(heave_n=0.9 * FULL_N), ALL),
+        (Dofs(heave_n=FULL_N), np.array([True, True, False, True])),
+        (Dofs(heave_n=nan), ALL),
+    ],
+)
+def test_less_thrust_or_a_depth_that_is_not_held_does_not_count(seen, dofs, held):
+    for _ in range(10):
+        assert seen.step(dofs=dofs, held=held).unanswered_s == 0.0
+
+
+def test_a_vehicle_that_full_thrust_moves_is_answered(seen):
+    for step in range(200):
+        watched = seen.step(dofs=Dofs(heave_n=FULL_N), state=at_depth(3.0 + 0.03 * step * TICK_S))
+        assert watched.unanswered_s < 2.0
 
 
 @pytest.mark.parametrize(
