@@ -35,10 +35,9 @@ examples:
 """
 TUNE_EXAMPLES = """\
 examples:
-  holdfast lab tune                                       tune the shipped configuration; half an hour
-  holdfast lab tune --vehicle bluerov2                    for another simulated vehicle
-  holdfast lab tune --evaluations 40 --seeds 4            a quick search
-  holdfast lab tune ppi indi                              two rows of the bench
+  holdfast lab tune all                                   every row of the bench; hours
+  holdfast lab tune ppi indi                              two rows
+  holdfast lab tune law --evaluations 40 --seeds 4        a quick search
 """
 FAULTS_EXAMPLES = """\
 examples:

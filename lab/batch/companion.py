@@ -66,7 +66,7 @@ def inputs(
 ) -> Inputs:
     """Return what a tick of a batch knows before it observes."""
     now_s, sensor_delay_s = tick * TICK_S, companion.parameters.observers.sensor_delay_s
-    sampled_s = now_s - at.believed_age_s
+    sampled_s = now_s - at.age_s
     place_s, psi_s = sampled_s - sensor_delay_s[X], sampled_s - sensor_delay_s[PSI]
     z_s = sampled_s - sensor_delay_s[Z] - hidden_s
     begins = (math.nan, math.nan, math.nan, math.nan)

@@ -39,7 +39,7 @@ def simulate(
         target: where a dive should be at each time (s) since boot; one for all, or one for each.
         duration_s: the time since boot at which it ends; a dive begins engaged, at ENGAGED_S.
         seeds: of each dive's sea, noise and the phase of its autopilot's input loop; as in the full loop.
-        links: delays, known to the controller except for what `untold_*` says.
+        links: delays, known to the controller.
         since_s: figures count from here.
 
     Returns `Dive.figures`' place_rms_mm, depth_rms_mm, depth_peak_mm, thrust_rms_n and
@@ -55,10 +55,7 @@ def simulate(
     since = int(np.searchsorted(ends_s, since_s - 1e-9))
     wanted = {target: targets_of(target, ends_s.tolist()) for target in dict.fromkeys(targets)}
     links = links or Links()
-    delays = [
-        np.broadcast_to(delay_s, len(plants))
-        for delay_s in (links.up_s, links.down_s, links.jitter_s, links.untold_up_s, links.untold_down_s)
-    ]
+    delays = [np.broadcast_to(delay_s, len(plants)) for delay_s in (links.up_s, links.down_s, links.jitter_s)]
     companions = {id(settings): companion_of(settings) for settings in configs}
     rows = []
     for i, (settings, plant, seed) in enumerate(zip(configs, plants, seeds, strict=True)):

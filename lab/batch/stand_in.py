@@ -58,37 +58,27 @@ Rows: TypeAlias = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class Links:
-    """Each dive's link, seconds: scalars or (dives,). The controller does not know of what is untold."""
+    """Each dive's link, seconds: scalars or (dives,)."""
 
     up_s: Array | float = 0.001
     down_s: Array | float = 0.001
     jitter_s: Array | float = 0.004
-    untold_up_s: Array | float = 0.0
-    untold_down_s: Array | float = 0.0
 
 
 class Timing(NamedTuple):
     """Where the delays of a dive fall on the grid of ticks and steps, seconds.
 
     `age_s` from a sample's sending to the tick that takes it, `to_motor_s` from a command to the motors; the
-    rest is what the companion's meter makes of both (`companion.estimation.delay`), less what was not told.
+    rest is what the companion's meter makes of both (`companion.estimation.delay`).
     """
 
     age_s: float
     to_motor_s: float
-    believed_age_s: float
     telemetry_s: float
     command_s: float
 
 
-def timing(
-    seed: int,
-    up_s: float,
-    down_s: float,
-    jitter_s: float,
-    untold_up_s: float = 0.0,
-    untold_down_s: float = 0.0,
-) -> Timing:
+def timing(seed: int, up_s: float, down_s: float, jitter_s: float) -> Timing:
     """Work it out for a link; `seed` tells when in a tick the autopilot reads its input."""
     phase = int(np.random.default_rng(seed).spawn(4)[3].integers(0, STEPS))  # as the simulator
     up_s, down_s = up_s + 0.5 * jitter_s, down_s + 0.5 * jitter_s
@@ -98,9 +88,8 @@ def timing(
     return Timing(
         age_s=age_s,
         to_motor_s=to_motor_s,
-        believed_age_s=age_s - untold_up_s,
-        telemetry_s=up_s - untold_up_s,
-        command_s=to_motor_s + STEP_S - untold_down_s,  # echoes carry the start of the step's time
+        telemetry_s=up_s,
+        command_s=to_motor_s + STEP_S,  # echoes carry the start of the step's time
     )
 
 

@@ -140,34 +140,17 @@ def _there(size: float | None) -> bool | None:
 def ensemble(base: SimConfig, seed: int) -> SimConfig:
     """Draw a vehicle: heave mass, damping, buoyancy, thrust, lag and dead band vary (docs/results.md)."""
     draw = np.random.default_rng((seed, 1)).uniform
-    return varied(
-        base,
-        added_kg=draw(26.0, 32.0) - base.hull.mass_kg,
-        linear=draw(5.0, 33.0),
-        quadratic=draw(37.0, 190.0),
-        buoyancy_n=draw(0.0, 4.0),
-        gain=(draw(0.8, 1.1),),
-        lag_s=draw(0.1, 0.2),
-        dead_band_us=28.0 + draw(-6.0, 6.0),
-    )
-
-
-def varied(
-    base: SimConfig,
-    *,
-    added_kg: float,
-    linear: float,
-    quadratic: float,
-    buoyancy_n: float,
-    **thrusters: object,
-) -> SimConfig:
-    """Return a vehicle at DEPTH_M with another added mass and damping in heave, buoyancy and thrusters."""
-    of_heave = {"added_mass": added_kg, "linear_damping": linear, "quadratic_damping": quadratic}
+    of_heave = {
+        "added_mass": draw(26.0, 32.0) - base.hull.mass_kg,
+        "linear_damping": draw(5.0, 33.0),
+        "quadratic_damping": draw(37.0, 190.0),
+    }
     before = {name: getattr(base.hull, name) for name in of_heave}
     changed = {name: (*six[:2], of_heave[name], *six[3:]) for name, six in before.items()}
-    hull = replace(base.hull, net_buoyancy_n=buoyancy_n, **changed)
-    vehicle = replace(base, hull=hull, thrusters=replace(base.thrusters, **thrusters))
-    return water(vehicle, depth_m=DEPTH_M, current_m_s=0.0)
+    hull = replace(base.hull, net_buoyancy_n=draw(0.0, 4.0), **changed)
+    gain, lag_s, dead_band_us = (draw(0.8, 1.1),), draw(0.1, 0.2), 28.0 + draw(-6.0, 6.0)
+    thrusters = replace(base.thrusters, gain=gain, lag_s=lag_s, dead_band_us=dead_band_us)
+    return water(replace(base, hull=hull, thrusters=thrusters), depth_m=DEPTH_M, current_m_s=0.0)
 
 
 def positioned(plant: SimConfig) -> SimConfig:

@@ -1,14 +1,8 @@
-"""One search for every row: CMA-ES over the logarithms of its knobs, on training seeds.
+"""One search for every row of the benches: CMA-ES over the logarithms of its knobs, on training seeds.
 
-What counts is the mean RMS of the depth, or of the place (mm), and CHATTER_PRICE for each newton that the
-command moves by more than CHATTER_N a tick (RMS). Rows of the benches are searched at equal chatter: they pay
-EQUAL_PRICE for each newton that the mean of these dives has more than with the shipped default. All
-candidates of a generation dive at once (`lab.batch`).
-
-Vehicles near one's own dive the four scenarios, shortened to TRAINING_S, and meet the four CASES in turn:
-half of them 40 ms more delay each way, which is measured as in the full loop, half of them 15 % more thrust
-and 40 ms more in the autopilot's filter, which no stamp shows. Rows of the benches dive vehicles unlike the
-model.
+What counts is the mean RMS of the depth, or of the place (mm), of vehicles unlike the model, at equal
+chatter: a row pays EQUAL_PRICE for each newton that the mean of these dives has more than with the shipped
+default. All candidates of a generation dive at once (`lab.batch`).
 """
 
 import math
@@ -16,15 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 
 from companion.arrays import Array
 from companion.assembly import refuse_fast_gains
 from companion.config import Config, ConfigError
-from companion.records import Setpoint
 from lab.batch.stand_in import Links
 from lab.loop.lockstep import LinkDelay
-from lab.loop.scenarios import SETTLE_S, Scenario, four, positioned, trajectory
+from lab.loop.scenarios import Scenario, positioned
 from lab.studies.competitors import WIDTH, written
 from lab.studies.reality import COUNTS_S
 from lab.studies.trials import hold, rough
@@ -34,38 +26,23 @@ TRAINING_SEEDS = 8
 TRAINING_S = 24.0
 EVALUATIONS = 150
 GENERATION = 10
-CHATTER_N = 3.5
-CHATTER_PRICE = 2.0
 EQUAL_PRICE = 20.0
 LOST_MM = 1000.0
-FAST_AFTER_S = 12.0
-"""The shortened trajectory starts this long before the paper's path gives way to the fast one."""
 
-
-class TrainingCase(NamedTuple):
-    """What a dive meets: more delay each way, delay that is hidden, and its thrust against nominal."""
-
-    longer_s: float = 0.0
-    hidden_s: float = 0.0
-    thrust: float = 1.0
-
-
-CASES = (TrainingCase(), TrainingCase(0.0, 0.04, 1.15), TrainingCase(0.04), TrainingCase(0.04, 0.04, 1.15))
-
-Training = Sequence[tuple[Scenario, TrainingCase]]
+Training = Sequence[Scenario]
 """The dives of a score."""
 
 
 class Stage(NamedTuple):
     """What a search turns: knobs and their starts; `place`: it judges the place, not the depth.
 
-    `chatter_n`: the mean of all dives that costs nothing, instead of CHATTER_N in each.
+    `chatter_n`: the mean of all dives that costs nothing.
     """
 
     knobs: Mapping[str, float]
-    settings: Sequence[str] = ()
-    place: bool = False
-    chatter_n: float | None = None
+    settings: Sequence[str]
+    place: bool
+    chatter_n: float
 
     def overrides(self, values: Mapping[str, float]) -> list[str]:
         """Return what sets a configuration so."""
@@ -134,10 +111,7 @@ def scores(
     if not sound:
         return found.tolist()
     error_mm, chatter_n = _dived(sound, base, dives, stage.place)
-    if stage.chatter_n is None:
-        price = CHATTER_PRICE * np.maximum(chatter_n - CHATTER_N, 0.0).mean(1)
-    else:
-        price = EQUAL_PRICE * np.maximum(chatter_n.mean(1) - stage.chatter_n, 0.0)
+    price = EQUAL_PRICE * np.maximum(chatter_n.mean(1) - stage.chatter_n, 0.0)
     found[[config is not None for config in configs]] = error_mm.mean(1) + price
     return found.tolist()
 
@@ -151,17 +125,15 @@ def _dived(configs: Sequence[Config], base: SimConfig, dives: Training, place: b
     """Return error (mm; LOST_MM where lost) and chatter (N) of each configuration in each dive."""
     from lab.batch.simulate import simulate
 
-    scenarios, cases = zip(*dives, strict=True)
-    plants = [_stronger(one.plant(base, one.seed), case.thrust) for one, case in dives]
-    longer_s, hidden_s, _ = np.array([*cases] * len(configs)).T
-    duration_s, link = scenarios[0].duration_s, LinkDelay()
+    plants = [one.plant(base, one.seed) for one in dives]
+    duration_s, link = dives[0].duration_s, LinkDelay()
     figures = simulate(
         [config for config in configs for _ in dives],
         [positioned(plant) if place else plant for plant in plants] * len(configs),
-        [one.target for one in scenarios] * len(configs),
+        [one.target for one in dives] * len(configs),
         duration_s,
-        [one.seed for one in scenarios] * len(configs),
-        Links(link.up_s + longer_s + hidden_s, link.down_s + longer_s, untold_up_s=hidden_s),
+        [one.seed for one in dives] * len(configs),
+        Links(link.up_s, link.down_s),
         since_s=duration_s - TRAINING_S,
     )
     rms, chatter_n = ("place_rms_mm", "place_chatter_n") if place else ("depth_rms_mm", "chatter_n")
@@ -179,29 +151,9 @@ def _configured(load: Callable[[Sequence[str]], Config], overrides: Sequence[str
     return config
 
 
-def training(seeds: int, vary: Callable[[SimConfig, int], SimConfig]) -> Training:
-    """Return the dives of a score, shortened, and what each meets."""
-    dives = []
-    for seed in range(seeds):
-        for whole in four(seed, vary):
-            target = _fast_trajectory if whole.name == "path" else whole.target
-            short = Scenario(whole.name, whole.plant, target, SETTLE_S + TRAINING_S, seed)
-            dives.append((short, CASES[seed % len(CASES)]))
-    return dives
-
-
-def training_of_reality(seeds: int) -> Training:
-    """Return the dives of a score on vehicles of `bench reality`, which no bench dives."""
+def training(seeds: int) -> Training:
+    """Return the dives of a score: vehicles of `bench reality`, which no bench dives."""
     return [
-        (Scenario("rough", lambda base, seed: rough(seed).plant, hold, COUNTS_S + TRAINING_S, seed), CASES[0])
+        Scenario("rough", lambda base, seed: rough(seed).plant, hold, COUNTS_S + TRAINING_S, seed)
         for seed in range(seeds)
     ]
-
-
-def _fast_trajectory(t_s: float) -> Setpoint:
-    return trajectory(t_s + 60.0 - FAST_AFTER_S)
-
-
-def _stronger(plant: SimConfig, thrust: float) -> SimConfig:
-    gain = tuple(thrust * motor for motor in plant.thrusters.gain)
-    return replace(plant, thrusters=replace(plant.thrusters, gain=gain))

@@ -1,4 +1,4 @@
-"""`holdfast lab tune`: a search of gains for the rows of the benches, or for one's own vehicle."""
+"""`holdfast lab tune`: a search of gains for the rows of the benches."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rich.console import RenderableType
 
-from companion.config import DEFAULT_FILE, Config, load_config, vehicle_of
+from companion.config import DEFAULT_FILE, Config, load_config
 from holdfast import RefusedError, files
 from lab.measured_sources import ROOT
 from lab.options import add_count, add_settings
@@ -28,15 +28,12 @@ from lab.studies.gain_search import (
     EVALUATIONS,
     TRAINING_SEEDS,
     Stage,
-    Training,
     mean_chatter_n,
     search,
     training,
-    training_of_reality,
 )
-from lab.studies.own_vehicle import around, nominal, vehicle_beside, write_config
 from lab.study import Row, Study, ruled
-from sim_bridge.commands import DEFAULT_CONFIG, vehicle_file
+from sim_bridge.commands import DEFAULT_CONFIG
 from sim_bridge.sim_config import load_config as load_plant
 
 
@@ -47,58 +44,41 @@ class Search(NamedTuple):
 
 
 class Tune(Study[Search]):
-    """Rows of the benches, or without any the configuration's own heave, or its surge and sway."""
+    """Rows of the benches, in depth and then in place."""
 
     command = "lab tune"
     about = (
-        "Searches gains by CMA-ES over simulated dives. Without ROW it tunes heave of your configuration, or "
-        "surge and sway, for your vehicle: half of the dives have 40 ms more delay each way, half 15 % more "
-        "thrust and 40 ms of hidden delay. It writes a configuration file. With ROW it tunes rows of "
-        "`holdfast lab bench` on vehicles of `bench reality`, first in depth, then in place, for "
+        "Searches gains by CMA-ES over simulated dives for rows of `holdfast lab bench`, on vehicles unlike "
+        "the model, first in depth, then in place, at the chatter of the shipped default; for "
         "lab/studies/tuned.toml."
-    ).replace("%", "%%")
+    )
     unit = "searches"
-    recipe = ("set", "vehicle", "config", "place", "evaluations", "seeds")
+    recipe = ("set", "config", "evaluations", "seeds")
 
     @classmethod
     def options(cls, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("rows", nargs="*", metavar="ROW", help="a row of the bench, or all")
-        parser.add_argument(
-            "--vehicle",
-            type=vehicle_file,
-            default=DEFAULT_CONFIG,
-            metavar="NAME|FILE",
-            help="the simulated vehicle, as of `holdfast sim` (default: heavy)",
-        )
+        parser.add_argument("rows", nargs="+", metavar="ROW", help="a row of the bench, or all")
         parser.add_argument(
             "--config", type=Path, default=DEFAULT_FILE, metavar="FILE", help="configuration of the companion"
         )
         add_settings(parser)
-        parser.add_argument(
-            "--place", action="store_true", help="surge and sway of your configuration, not heave; with a DVL"
-        )
         add_count(parser, "--evaluations", EVALUATIONS, "evaluations for each row")
         add_count(parser, "--seeds", TRAINING_SEEDS, "number of vehicles")
         parser.add_argument("--out", type=Path, metavar="FILE", help="default: out/tune/")
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self._own = not arguments.rows
-        if arguments.place and not self._own:
-            raise RefusedError("--place is of your own configuration: leave ROW out")
-        self._plant = load_plant(arguments.vehicle)
-        believed = nominal(self._plant) if self._own else {}
         self._file: Path = arguments.config
-        self._settings = [f"{key}={value}" for key, value in believed.items()] + arguments.set
+        self._settings: list[str] = arguments.set
         self._config = load_config(self._file, self._settings)
-        self._rows = _searched(arguments.rows or [DEFAULT], self._config)
-        self._halves = (arguments.place,) if self._own else (False, True)
+        self._plant = load_plant(DEFAULT_CONFIG)
+        self._rows = _searched(arguments.rows, self._config)
         self._seeds: int = arguments.seeds
         self._out: Path | None = arguments.out
         if self._out is not None:
-            files.refuse_existing(self._out, *([vehicle_beside(self._out)] if self._own else []))
+            files.refuse_existing(self._out)
         self._command: str = arguments.command
         self._evaluations: int = arguments.evaluations
-        self.steps = self._evaluations * len(self._halves)
+        self.steps = 2 * self._evaluations
 
     def journal(self, out: Path | None) -> Path:
         return (out.parent if out else Path("out/tune")) / "tune.jsonl"
@@ -107,13 +87,13 @@ class Tune(Study[Search]):
         return [Search(name) for name in self._rows]
 
     def dive(self, cases: Sequence[Search]) -> Iterator[Row]:
-        dives: Training = training(self._seeds, around) if self._own else training_of_reality(self._seeds)
+        dives = training(self._seeds)
         for case in cases:
             row, values, scores = self._rows[case.row], dict[str, float](), list[float]()
             fixed = steered(row, self._config, {})
-            for place in self._halves:
+            for place in (False, True):
                 knobs, settings = row.knobs(self._config, place=place), row.settings(place=place)
-                equal_n = None if self._own else mean_chatter_n(self._config, self._plant, dives, place=place)
+                equal_n = mean_chatter_n(self._config, self._plant, dives, place=place)
                 stage = Stage(knobs, settings, place, equal_n)
                 load = partial(self._with, fixed)
                 found = search(
@@ -134,19 +114,13 @@ class Tune(Study[Search]):
             scores = ", ".join(f"{score:.2f}" for score in row["scores"])
             table.add_row(self._rows[row["row"]].title, values, scores, str(row["evaluations"]))
         yield table
-        yield next_step(self._result(self.journal(self._out).parent), () if self._own else [*self._rows])
+        yield next_step([*self._rows])
 
     def draw(self, rows: Sequence[Row], folder: Path) -> Sequence[Path]:
-        out = self._result(folder)
-        if self._own:
-            write_config(self._file, vehicle_of(self._config), rows[0]["values"], out)
-        else:
-            about = {"command": self._command, "training_seeds": f"0..{self._seeds - 1}"}
-            out.write_text(tuned_text(about, rows), encoding="utf-8")
+        out = self._out or folder / TUNED_FILE.name
+        about = {"command": self._command, "training_seeds": f"0..{self._seeds - 1}"}
+        out.write_text(tuned_text(about, rows), encoding="utf-8")
         return [out]
-
-    def _result(self, folder: Path) -> Path:
-        return self._out or folder / ("companion.toml" if self._own else TUNED_FILE.name)
 
 
 def _searched(names: Sequence[str], config: Config) -> dict[str, Competitor]:
@@ -172,13 +146,8 @@ def tuned_text(about: Mapping[str, object], rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def next_step(out: Path, names: Sequence[str]) -> str:
-    """Return the command that dives what was found; without `names` it is for one's own vehicle."""
-    if not names:
-        return (
-            "Dive it: holdfast sim, and in a second terminal\n"
-            f"  holdfast run --engage --arm --depth 3 --config {shlex.quote(str(out))}"
-        )
+def next_step(names: Sequence[str]) -> str:
+    """Return the command that dives what was found."""
     return (
         f"Dive it: put its values into {TUNED_FILE.relative_to(ROOT)}, then\n"
         f"  holdfast lab bench dives --rows {shlex.join(names)}"
