@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from msgspec.structs import replace
+import msgspec
 
 from companion import assembly
 from companion.config import Config
@@ -61,7 +61,7 @@ MAX_DT_TICKS = 3.0
 RELEASING = (State.RAMP_DOWN, State.HAND_OVER)
 
 
-class Heard(NamedTuple):
+class Heard(msgspec.Struct, frozen=True):
     """What came in for a tick."""
 
     now_s: float
@@ -74,7 +74,7 @@ class Heard(NamedTuple):
     loop: LoopHealth
 
 
-class Guarded(NamedTuple):
+class Guarded(msgspec.Struct, frozen=True):
     """What may leave for the vehicle."""
 
     command: AxisCommand
@@ -456,7 +456,7 @@ class Engine:
             requested=done.demand.requested,
             delivered=actuated.delivered,
             verdict=self.verdict,
-            counters=replace(self._autopilot.counters),
+            counters=msgspec.structs.replace(self._autopilot.counters),
             loop=heard.loop,
             guided=self._guidance.sources.guided,
             texts=(*self._fitness.introduced(heard.now_s), *said),
@@ -476,4 +476,4 @@ def _was_mended(heard: Heard, state: VehicleState) -> bool:
 def by_quantity(samples: Samples) -> Dofs:
     """Return the law's inside with the four degrees of freedom of each quantity."""
     columns: Any = zip(*samples, strict=True)
-    return DofSample(*columns)
+    return DofSample._make(columns)

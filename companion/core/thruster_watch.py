@@ -456,8 +456,10 @@ def _least(shown: TwoAxes) -> float:
 def _turns_alone(sums: Sums) -> bool:
     """Tell whether a fault of any motor explains a turn better than none."""
     whole = residual_about(0, sums, 1.0)
+    if not whole > LEAST_NM * LEAST_NM + sums.oo:
+        return False
     least = min(*each(residual_about, MOTORS, sums, 0.0), *each(residual_about, MOTORS, sums, -1.0))
-    return whole > LEAST_NM * LEAST_NM + sums.oo and least < EXPLAINS * whole
+    return least < EXPLAINS * whole
 
 
 def _doubted(shown: TwoAxes, fault: Fault) -> Fault:

@@ -129,14 +129,14 @@ class DelayMeter:
         self._moved_s = max(now_s, self._moved_s)
         self._command_s += limited(found_s - self._command_s, slew_s)
 
-    @property
-    def delays(self) -> Delays:
-        """What is known of the delays now."""
+    def delays(self, hidden_s: float = 0.0) -> Delays:
+        """Return what is known of the delays now, beside what no stamp shows."""
         return Delays(
             telemetry_s=self.telemetry_s,
             command_s=self._command_s,
             telemetry_known=self._telemetry_t_s is not None,
             command_known=self._echo_found,
+            hidden_s=hidden_s,
         )
 
 

@@ -8,9 +8,8 @@ import cmath
 import math
 from collections.abc import Sequence
 from operator import add
-from typing import NamedTuple
 
-from msgspec.structs import replace
+import msgspec
 
 from companion.config import Config
 from companion.core.actuation import NONE
@@ -62,7 +61,7 @@ NOTHING = (math.nan, math.nan)
 """No value, of no time."""
 
 
-class Sensed(NamedTuple):
+class Sensed(msgspec.Struct, frozen=True):
     """All that came of a tick's events."""
 
     inputs: Inputs
@@ -183,10 +182,11 @@ class Estimator:
         for event in heard:
             self._take(event)
             restarted |= isinstance(event, events.Reboot)
-        if not math.isfinite(self._meter.delays.total_s + hidden_s):
+        delays = self._meter.delays(hidden_s)
+        if not math.isfinite(delays.total_s):
             self._restart()
-            restarted, hidden_s = True, 0.0
-        delays, clock = self._meter.delays, self._meter.clock
+            restarted, delays = True, self._meter.delays(0.0)
+        clock = self._meter.clock
         return Sensed(
             inputs=self._inputs(now_s, delays, learns),
             restarted=restarted,
@@ -195,7 +195,7 @@ class Estimator:
             heartbeat=self._heartbeat,
             pilot_gain=self._gain,
             boot_s=now_s + clock.offset_s,
-            delays=replace(delays, hidden_s=hidden_s),
+            delays=delays,
             ages=self._ages(now_s),
             shifted=vector(self._shifted),
             reset_by=vector(self._reset_by),

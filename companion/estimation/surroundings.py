@@ -1,7 +1,8 @@
 """What the vehicle's motion shows around it: the ground, the current, and whether the heading is right."""
 
 import math
-from typing import NamedTuple
+
+import msgspec
 
 from companion.config import Config
 from companion.core.attitude import angle_rates
@@ -14,7 +15,7 @@ from companion.estimation.water import Water
 from companion.records import PSI, ZERO, Current, Ground, HeadingCheck, Vector, VehicleModel, X, Y, Z
 
 
-class Around(NamedTuple):
+class Around(msgspec.Struct, frozen=True):
     """What was found."""
 
     ground: Ground

@@ -70,6 +70,7 @@ def stick_demand(sticks: AxisCommand, gain: float, throttle_gain: float) -> Axis
     )
 
 
+@lru_cache(maxsize=1)
 def manual_control_reach(gain: float, throttle_gain: float) -> AxisCommand:
     """Largest demand on each axis, 0..1, that MANUAL_CONTROL can express at this gain."""
     level, throttle = _full_stick(gain, throttle_gain)
@@ -99,8 +100,15 @@ def quantise(
 @lru_cache(maxsize=1)
 def to_channels(command: AxisCommand) -> tuple[int, int, int, int, int, int]:
     """Return the PWM of surge, sway, throttle (up), yaw, roll and pitch; each command is asked for twice."""
-    surge, sway, up, yaw, roll, pitch = map(to_pwm_us, command._replace(heave=-command.heave))
-    return surge, sway, up, yaw, roll, pitch
+    surge, sway, heave, yaw, roll, pitch = command
+    return (
+        to_pwm_us(surge),
+        to_pwm_us(sway),
+        to_pwm_us(-heave),
+        to_pwm_us(yaw),
+        to_pwm_us(roll),
+        to_pwm_us(pitch),
+    )
 
 
 def motor_outputs(parameters: Mapping[str, float]) -> tuple[int, ...]:
@@ -108,9 +116,16 @@ def motor_outputs(parameters: Mapping[str, float]) -> tuple[int, ...]:
 
     An output whose function is not known counts as the motor of its number.
     """
-    numbers = sorted(range(len(FUNCTIONS)), key=lambda number: FUNCTIONS[number] in parameters)
-    drives = {parameters.get(FUNCTIONS[number], FIRST_MOTOR + number): number + 1 for number in numbers}
-    return tuple(drives.get(FIRST_MOTOR + motor, 0) for motor in range(len(DIRECTIONS)))
+    return _motor_outputs(tuple(map(parameters.get, FUNCTIONS)))
+
+
+@lru_cache(maxsize=1)
+def _motor_outputs(functions: tuple[float | None, ...]) -> tuple[int, ...]:
+    drives = {function: output for output, function in enumerate(functions, start=1)}
+    return tuple(
+        drives.get(FIRST_MOTOR + motor, motor + 1 if functions[motor] is None else 0)
+        for motor in range(len(DIRECTIONS))
+    )
 
 
 def motor_demand(pwm_us: Sequence[int]) -> tuple[float, ...]:

@@ -40,8 +40,10 @@ class Autopilot:
         self._link = link
         mark = clock_mark(link.system, link.component)
         self._commands = Commands(link.vehicle_system, link.vehicle_component, mark)
-        self._rates_hz = streams(vehicle.depth_source)
-        self._maintenance = LinkMaintenance(self._commands, self._rates_hz)
+        rates_hz = streams(vehicle.depth_source)
+        self.asked_hz = {message_name(key): hz for key, hz in rates_hz.items()}
+        """How often each stream is wanted, by MAVLink name."""
+        self._maintenance = LinkMaintenance(self._commands, rates_hz)
         self.parameters = self._maintenance.parameters
         """The autopilot's parameters, as far as they were read."""
         self.counters = LinkCounters()
@@ -194,11 +196,6 @@ class Autopilot:
     def measured_hz(self) -> dict[str, float]:
         """How often each stream comes, by MAVLink name, where that was measured."""
         return {message_name(key): hz for key, hz in self._maintenance.streams.measured_hz.items()}
-
-    @property
-    def asked_hz(self) -> dict[str, float]:
-        """How often each stream is wanted, by MAVLink name."""
-        return {message_name(key): hz for key, hz in self._rates_hz.items()}
 
     @property
     def all_parameters_known(self) -> bool:

@@ -3,8 +3,9 @@
 import math
 from collections import deque
 from collections.abc import Container
-from typing import Final, NamedTuple
+from typing import Final
 
+import msgspec
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import LinkSection
@@ -122,7 +123,7 @@ class Packer:
         return frame
 
 
-class Decoded(NamedTuple):
+class Decoded(msgspec.Struct, frozen=True):
     """What a datagram held."""
 
     messages: list[Message]

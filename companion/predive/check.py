@@ -142,7 +142,7 @@ def _link(seen: Observed, config: Config) -> Finding:
     whom = f"heartbeat of system {link.vehicle_system}, component {link.vehicle_component}"
     if _is_heard(seen, config):
         return Finding(GOOD, f"the {whom} arrives at {link.endpoint}")
-    found, fix = seen.contact
+    found, fix = seen.contact(seen.state.t_s)
     return Finding(REFUSED, f"no {whom}: {found}", fix, unread=True)
 
 

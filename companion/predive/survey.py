@@ -56,8 +56,8 @@ class Observed:
     signs: bool = False
     """Whether the vehicle's frames are signed."""
     heartbeat: Heartbeat | None = None
-    contact: tuple[str, str] = ("", "")
-    """What arrives where no heartbeat does, and what to do."""
+    contact: Callable[[float], tuple[str, str]] = lambda _: ("", "")
+    """Gives what arrives now where no heartbeat does, and what to do."""
     firmware: FirmwareVersion | None = None
     pilot_gain: float | None = None
     toggles: Mapping[str, bool] = field(default_factory=dict)
@@ -131,7 +131,7 @@ class Survey:
             measured_hz=autopilot.measured_hz,
             asked_hz=autopilot.asked_hz,
             signs=autopilot.heard.vehicle_signs,
-            contact=autopilot.heard.contact(state.t_s),
+            contact=autopilot.heard.contact,
             conditions=conditions,
             directions=directions,
             **self._seen,

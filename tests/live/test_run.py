@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tools.processes import HOLDFAST, free_port, running
 
@@ -300,7 +301,7 @@ def test_an_exception_in_the_tick_sends_neutral_if_it_steered_and_fails(
     def breaks(self: Engine, *arguments: Any, **more: Any) -> object:
         if next(ticks) > 20:
             assert self.last is not None
-            guarded = self.last.guarded._replace(steers=steering)
+            guarded = replace(self.last.guarded, steers=steering)
             self.last = self.last._replace(guarded=guarded)
             raise ZeroDivisionError("planted")
         return step(self, *arguments, **more)

@@ -192,7 +192,7 @@ def test_what_the_supervisor_finds_is_refused_and_the_last_line_says_so(good, ca
 
 def test_of_a_vehicle_that_is_not_heard_the_list_says_what_is_heard_instead(good):
     silent = structs.replace(BLIND, heartbeat_s=4.0)
-    seen = replace(good, state=structs.replace(good.state, ages=silent), contact=("a fish", "fish"))
+    seen = replace(good, state=structs.replace(good.state, ages=silent), contact=lambda _: ("a fish", "fish"))
     (found,) = rows(seen, load_config())
     assert (found.name, found.grade, found.fix) == ("link", REFUSED, "fish")
     assert "no heartbeat of system 1, component 1: a fish" in found.found
