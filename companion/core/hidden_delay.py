@@ -32,15 +32,14 @@ from companion.core.observer import (
     coasted,
     coefficients,
     correct,
+    differentiated,
     innovation,
-    slopes,
 )
 from companion.core.vehicle_model import (
     KNOWN_GAIN,
     START_SPREAD,
     Found,
     Theta,
-    driven,
     evidence_of,
     remembered,
     solved,
@@ -110,14 +109,13 @@ def step(
     u_slope = 0.0 if math.isnan(state.u) else (state.u - u) / dt_s
     model = coefficients(push, gain, lag_s, dt_s)
     slow = math.exp(dt_s / -parameters.slow_time_s)
-    observed, by_delay = (
-        coasted(model, slow, state.observer, u),
-        coasted(model, slow, state.by_delay, u_slope),
-    )
-    by_gain = driven(model, state.by_gain, slow, model[3] * (f + observed.f), 0.0)
-    by_drag = driven(model, state.by_drag, slow, -model[3] * (push.c / gain) * (v + observed.v), 0.0)
+    observed = coasted(model, slow, state.observer, u)
+    by_delay, of_delay = differentiated(parameters, model, slow, state.by_delay, sample, u_slope, 0.0, 0.0)
+    pushed = model[3] * (f + observed.f)
+    by_gain, of_gain = differentiated(parameters, model, slow, state.by_gain, sample, 0.0, pushed, 0.0)
+    dragged = model[3] * (push.c / gain) * (v + observed.v)
+    by_drag, of_drag = differentiated(parameters, model, slow, state.by_drag, sample, 0.0, -dragged, 0.0)
     nu_q, nu_v = innovation(observed, sample, False)
-    of_delay, of_gain, of_drag = slopes(by_delay, sample), slopes(by_gain, sample), slopes(by_drag, sample)
     spread_q = _spread(state.position_variance, nu_q, dt_s)
     spread_v = _spread(state.rate_variance, nu_v, dt_s)
     said = evidence_of((nu_q, nu_v), (spread_q, spread_v), of_gain, of_delay, of_drag)
@@ -127,9 +125,9 @@ def step(
     return HiddenDelayState(
         hidden_s=clamped(state.hidden_s + limited(wanted, SLEW * dt_s), 0.0, max(LARGEST_S, known_s)),
         observer=correct(parameters, observed, nu_q, nu_v),
-        by_delay=correct(parameters, by_delay, -of_delay[0], -of_delay[1]),
-        by_gain=correct(parameters, by_gain, -of_gain[0], -of_gain[1]),
-        by_drag=correct(parameters, by_drag, -of_drag[0], -of_drag[1]),
+        by_delay=by_delay,
+        by_gain=by_gain,
+        by_drag=by_drag,
         u=u,
         found=found,
         position_variance=spread_q,

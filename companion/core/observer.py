@@ -36,6 +36,10 @@ Point = tuple[float, float, float]
 """q, v and f: a plain tuple, for it is made in every step of every prediction."""
 StepCoefficients = tuple[float, float, float, float]
 """The model over one step: h/2, what is kept of f and of v, and what 2 N give v."""
+Six = tuple[float, float, float, float, float, float]
+"""What an ObserverState has, in its order."""
+Pair = tuple[float, float]
+"""Of position and rate."""
 
 
 class ObserverState(NamedTuple):
@@ -148,20 +152,14 @@ def expected(state: ObserverState) -> tuple[float, float]:
     return (state.q + state.s, state.v + state.p)
 
 
-def innovation(state: ObserverState, sample: Sample, angular: bool) -> tuple[float, float]:
+def innovation(state: ObserverState, sample: Sample, angular: bool) -> Pair:
     """Return measured minus expected; zero where nothing was measured."""
     e_q = 0.0 if math.isnan(sample.position) else sample.position - (state.q + state.s)
     e_v = 0.0 if math.isnan(sample.rate) else sample.rate - (state.v + state.p)
     return (wrap(e_q) if angular else e_q, e_v)
 
 
-def slopes(derivative: ObserverState, sample: Sample) -> tuple[float, float]:
-    """Return the derivative of what is expected, from that of the state; zero where nothing was measured."""
-    of_position = 0.0 if math.isnan(sample.position) else derivative.q + derivative.s
-    return (of_position, 0.0 if math.isnan(sample.rate) else derivative.v + derivative.p)
-
-
-def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_v: float) -> ObserverState:
+def correct(parameters: ObserverParameters, state: Six, e_q: float, e_v: float) -> ObserverState:
     """Take in the innovation of position and rate. Written out, for it runs 18 times a tick."""
     q, v, f, d, s, p = state
     q_q, v_q, f_q, d_q, s_q, p_q = parameters.by_position
@@ -174,6 +172,29 @@ def correct(parameters: ObserverParameters, state: ObserverState, e_q: float, e_
         s + (s_q * e_q + s_v * e_v),
         p + (p_q * e_q + p_v * e_v),
     )
+
+
+def differentiated(
+    parameters: ObserverParameters,
+    step: StepCoefficients,
+    slow: float,
+    slope: ObserverState,
+    sample: Sample,
+    u: float,
+    more_v: float,
+    more_f: float,
+) -> tuple[ObserverState, Pair]:
+    """Return an observer's derivative by a parameter after a step, and that of what the sensors should show.
+
+    It goes on as `coasted`, gains `more_v` and `more_f` beside, and is corrected where something was
+    measured; elsewhere the second is zero.
+    """
+    q, v, f, d, s, p = slope
+    q, v, f = predict_step(step, (q, v, f), u, d)
+    q, v, f, s, p = q + step[0] * more_v, v + more_v, f + more_f, s * slow, p * slow
+    of_position = 0.0 if math.isnan(sample.position) else q + s
+    of_rate = 0.0 if math.isnan(sample.rate) else v + p
+    return correct(parameters, (q, v, f, d, s, p), -of_position, -of_rate), (of_position, of_rate)
 
 
 def rates(state: ObserverState, push: Push, gain: float) -> tuple[float, float]:

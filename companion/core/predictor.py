@@ -99,6 +99,8 @@ class State(NamedTuple):
 
     past: list[Moment]
     W: list[float]
+    weight_norm: float
+    """‖W‖."""
     P: list[float]
     square: float
     """s²."""
@@ -115,6 +117,7 @@ def start(parameters: Parameters) -> State:
     return State(
         past=[Moment(0.0, 0.0, 0.0, 0.0) for _ in range(0)],  # numba wants to know of what
         W=[0.0 for _ in range(units)],
+        weight_norm=0.0,
         P=[PRIOR if i == j else 0.0 for i in range(units) for j in range(units)],
         square=least_square(parameters),
         error=1.0,
@@ -159,7 +162,7 @@ def step(
         phi = hidden(parameters, inputs(past, now, spacing, ticks, OF_DISTURBANCE / scale))
         rise = limited(scale * limited(dot(state.W, 0, phi), MOST), parameters.max_disturbance)
         past[now] = Moment(d, rate, acceleration, rise)
-    predicted = Predicted(share(state) * rise, weight_norm(state), learns)
+    predicted = Predicted(share(state) * rise, state.weight_norm, learns)
     return state._replace(past=past, ticks=state.ticks + 1, predicted=predicted)
 
 
@@ -188,7 +191,7 @@ def learnt(parameters: Parameters, state: State, phi: list[float], rose: float) 
     grows = 1.0 / keep if trace < keep * PRIOR * n else PRIOR * n / trace
     W = [W[i] + P_phi[i] * error for i in range(n)]
     P = [grows * (P[i * n + j] - weight * (P_phi[i] * P_phi[j])) for i in range(n) for j in range(n)]
-    return state._replace(W=W, P=P)
+    return state._replace(W=W, weight_norm=square_root(dot(W, 0, W)), P=P)
 
 
 def share(state: State) -> float:
@@ -235,11 +238,6 @@ def hidden(parameters: Parameters, theta: Inputs) -> list[float]:
     return [
         1.0 / (1.0 + math.exp(-x[k] if not x[k] < -SATURATED else SATURATED)) - rest[k] for k in range(len(x))
     ]
-
-
-def weight_norm(state: State) -> float:
-    """Return the Euclidean norm of W."""
-    return square_root(dot(state.W, 0, state.W))
 
 
 def dot(a: list[float], first: int, b: list[float]) -> float:

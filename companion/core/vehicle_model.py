@@ -31,16 +31,15 @@ from companion.core.bounds import clamped, limited, square_root
 from companion.core.observer import (
     ObserverParameters,
     ObserverState,
+    Pair,
     Push,
     Sample,
-    StepCoefficients,
     at_rest,
     coasted,
     coefficients,
     correct,
+    differentiated,
     innovation,
-    predict_step,
-    slopes,
 )
 
 MEMORY_S = 20.0
@@ -85,10 +84,6 @@ MEASURED_S, OFTEN = 0.2, 0.7
 
 ROUNDING = 1e-15
 """Of a double: some units of its last place, 2.2e-16."""
-
-
-Pair = tuple[float, float]
-"""Of position and rate."""
 
 
 class Theta(NamedTuple):
@@ -168,15 +163,22 @@ def observe(
         place, rest = sample.position, at_rest(0.0)
         observed = state.observer if math.isnan(place) else at_rest(place)
         return ModelState(observed, rest, rest, rest, spread_q, spread_v, measured), NO_EVIDENCE
-    slow = math.exp(dt_s / -parameters.slow_time_s)
-    observed, by_gain, by_lag, by_drag = _advanced(state, theta, push, slow)
+    u, own, lag_s, slow = push.u, push.own, theta.lag_s, math.exp(dt_s / -parameters.slow_time_s)
+    gain, was_f = math.exp(theta.log_gain), state.by_gain.f
+    model = coefficients(push, gain, lag_s, dt_s)
+    _, keep, _, pushed = model
+    observed = coasted(model, slow, state.observer, u)
+    more_f = (1.0 - QUICK_SHARE) * (was_f - own) * keep * dt_s / (lag_s * lag_s)
+    quick = QUICK_SHARE * (was_f + (own + (was_f - own) * keep) - 2.0 * own) / lag_s
+    dragged = pushed * (push.c / gain) * (state.observer.v + observed.v)
+    by_gain, of_gain = differentiated(parameters, model, slow, state.by_gain, sample, own, 0.0, 0.0)
+    by_lag, of_lag = differentiated(
+        parameters, model, slow, state.by_lag, sample, 0.0, pushed * (more_f + quick), more_f
+    )
+    by_drag, of_drag = differentiated(parameters, model, slow, state.by_drag, sample, 0.0, -dragged, 0.0)
     nu_q, nu_v = innovation(observed, sample, angular)
-    of_gain, of_lag, of_drag = slopes(by_gain, sample), slopes(by_lag, sample), slopes(by_drag, sample)
     spread_q, spread_v = _spread(spread_q, nu_q, dt_s), _spread(spread_v, nu_v, dt_s)
     observed = correct(parameters, observed, nu_q, nu_v)
-    by_gain = correct(parameters, by_gain, -of_gain[0], -of_gain[1])
-    by_lag = correct(parameters, by_lag, -of_lag[0], -of_lag[1])
-    by_drag = correct(parameters, by_drag, -of_drag[0], -of_drag[1])
     after = ModelState(observed, by_gain, by_lag, by_drag, spread_q, spread_v, measured)
     nu = limited(nu_q, OUTLIER * math.sqrt(spread_q)), limited(nu_v, OUTLIER * math.sqrt(spread_v))
     return after, evidence_of(nu, (DOUBTED * spread_q, DOUBTED * spread_v), of_gain, of_lag, of_drag)
@@ -197,32 +199,6 @@ def evidence_of(nu: Pair, variance: Pair, of_gain: Pair, of_lag: Pair, of_drag: 
         lag_drag=weight_q * lag_q * drag_q + weight_v * lag_v * drag_v,
         drag_drag=weight_q * drag_q * drag_q + weight_v * drag_v * drag_v,
     )
-
-
-def _advanced(
-    state: ModelState, theta: Theta, push: Push, slow: float
-) -> tuple[ObserverState, ObserverState, ObserverState, ObserverState]:
-    """Return the observer and its derivatives by γ, T and log b after a step, before what is measured."""
-    u, dt_s, lag_s = push.u, push.dt_s, theta.lag_s
-    gain = math.exp(theta.log_gain)
-    model = coefficients(push, gain, lag_s, dt_s)
-    _, keep, _, pushed = model
-    observed = coasted(model, slow, state.observer, u)
-    more_f = (1.0 - QUICK_SHARE) * (state.by_gain.f - push.own) * keep * dt_s / (lag_s * lag_s)
-    by_gain = coasted(model, slow, state.by_gain, push.own)
-    quick = QUICK_SHARE * (state.by_gain.f + by_gain.f - 2.0 * push.own) / lag_s
-    by_lag = driven(model, state.by_lag, slow, pushed * (more_f + quick), more_f)
-    dragged = pushed * (push.c / gain) * (state.observer.v + observed.v)
-    return observed, by_gain, by_lag, driven(model, state.by_drag, slow, -dragged, 0.0)
-
-
-def driven(
-    model: StepCoefficients, slope: ObserverState, slow: float, more_v: float, more_f: float
-) -> ObserverState:
-    """Let a derivative go on, which gains `more_v` and `more_f` beside the model's own motion."""
-    q, v, f, d, s, p = slope
-    q, v, f = predict_step(model, (q, v, f), 0.0, d)
-    return ObserverState(q + model[0] * more_v, v + more_v, f + more_f, d, s * slow, p * slow)
 
 
 def _spread(variance: float, nu: float, dt_s: float) -> float:
