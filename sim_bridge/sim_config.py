@@ -151,14 +151,12 @@ class Seabed(_Record, frozen=True):
 
 
 class Tether(_Record, frozen=True):
-    """A random pull in NED, a constant one, and one that grows with depth."""
+    """A random pull in NED, and a constant one."""
 
     enabled: bool = False
     sigma_n: NonNegative3 = (0.0, 0.0, 2.0)
     tau_s: Positive = 2.0
     pull_n: Vector3 = (0.0, 0.0, 0.0)
-    heave_n_per_m: float = 0.0
-    """Extra downward force for each metre of depth."""
 
 
 class Cable(_Record, frozen=True):

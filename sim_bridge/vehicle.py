@@ -67,7 +67,7 @@ class Truth(msgspec.Struct, frozen=True):
     def disturbance(self) -> NDArray[np.float64]:
         """(6,) force in NED (N), moment in the body frame (N·m) of all that moves it beside its thrusters.
 
-        Waves, current, tether, load, scripted force and net buoyancy: see `plant.disturbance`.
+        Waves, current, tether, load and net buoyancy: see `plant.disturbance`.
         """
         return np.array(disturbance(self.body, self.state, self.force, self.flow))
 

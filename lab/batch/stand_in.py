@@ -120,7 +120,6 @@ class BatchVehicle(NamedTuple):
     current: tuple[float, float]
     """Mean velocity of the water, north and east (m/s)."""
     pull: Three
-    pull_per_m: float
     load_n: float
     load_on_s: float
     load_off_s: float
@@ -185,7 +184,6 @@ def vehicle_of(config: SimConfig, at: Timing) -> BatchVehicle:
         ),
         current=(speed * math.cos(direction), speed * math.sin(direction)),
         pull=tether.pull_n if tether.enabled else (0.0, 0.0, 0.0),
-        pull_per_m=tether.heave_n_per_m if tether.enabled else 0.0,
         load_n=load.weight_n if load.enabled else 0.0,
         load_on_s=load.on_s,
         load_off_s=load.off_s,
@@ -238,7 +236,7 @@ def refuse(config: SimConfig) -> None:
     if config.thrusters.dry_height_m:
         raise ValueError("thrusters that lose thrust at the surface need the full loop")
     if config.faults or sensors.wave_pressure:
-        raise ValueError("faults, scripted heave forces and wave pressure need the full loop")
+        raise ValueError("faults and wave pressure need the full loop")
     if sensors.usbl.enabled or sensors.dvl_by_mavlink or sensors.dvl_reports.enabled:
         raise ValueError("a USBL, and a DVL that speaks MAVLink or reports singly, need the full loop")
     defects = (sensors.depth_defects, sensors.attitude_defects, sensors.dvl_defects)
@@ -255,17 +253,12 @@ def motors(vehicle: BatchVehicle, axes: Six) -> Eight:
     surge, sway, heave, yaw, roll, pitch = axes
     demand = (roll, pitch, yaw, -heave, surge, sway)
     a, b, c, d, e, f, g, h = mix_six_dof(demand) if vehicle.six_dof else mix_vectored(demand)
-    pwm = (
-        math.floor(1500.0 + 400.0 * a),
-        math.floor(1500.0 + 400.0 * b),
-        math.floor(1500.0 + 400.0 * c),
-        math.floor(1500.0 + 400.0 * d),
-        math.floor(1500.0 + 400.0 * e),
-        math.floor(1500.0 + 400.0 * f),
-        math.floor(1500.0 + 400.0 * g),
-        math.floor(1500.0 + 400.0 * h),
-    )
+    pwm = _pwm(a), _pwm(b), _pwm(c), _pwm(d), _pwm(e), _pwm(f), _pwm(g), _pwm(h)
     return static_thrust(vehicle.hull.thrusters, HEALTHY, pwm, vehicle.voltage_v)
+
+
+def _pwm(demand: float) -> int:
+    return math.floor(1500.0 + 400.0 * demand)
 
 
 def water(vehicle: BatchVehicle, sea: Rows, slow: Rows, t_s: float, state: State) -> tuple[Three, Six]:
@@ -284,12 +277,7 @@ def water(vehicle: BatchVehicle, sea: Rows, slow: Rows, t_s: float, state: State
     armed_s = t_s - ARMED_S
     load_n = vehicle.load_n if vehicle.load_on_s <= armed_s < vehicle.load_off_s else 0.0
     pull = vehicle.pull
-    force = (
-        pull[0] + slow[0, 6],
-        pull[1] + slow[0, 7],
-        pull[2] + slow[0, 8] + vehicle.pull_per_m * z + load_n,
-    )
-    return force, flow
+    return (pull[0] + slow[0, 6], pull[1] + slow[0, 7], pull[2] + slow[0, 8] + load_n), flow
 
 
 def orbital(sea: Rows, t_s: float, s: float, z: float) -> tuple[float, float, float, float]:
@@ -322,22 +310,8 @@ def recall(past: Rows, back: float) -> State:
 
 
 def _row(past: Rows, step: int) -> State:
-    row = past[step % len(past)]
-    return (
-        row[0],
-        row[1],
-        row[2],
-        row[3],
-        row[4],
-        row[5],
-        row[6],
-        row[7],
-        row[8],
-        row[9],
-        row[10],
-        row[11],
-        row[12],
-    )
+    s = past[step % len(past)]
+    return s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7], s[8], s[9], s[10], s[11], s[12]
 
 
 def read(

@@ -144,7 +144,6 @@ class Environment:
             static = self._tether.pull_n
             north, east, down = self._pull
             fx, fy, fz = static[0] + north.step(), static[1] + east.step(), static[2] + down.step()
-            fz += self._tether.heave_n_per_m * z
         load = self._load
         self.load_on = load.enabled and load.on_s <= since_arming_s < load.off_s
         if self.load_on:
