@@ -1,5 +1,6 @@
 """What tests of several folders share."""
 
+import gc
 import json
 import os
 import signal
@@ -44,6 +45,13 @@ settings.load_profile("test")  # everybody tries the same examples; make hunt dr
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with those that compile, side by side: what a worker has compiled it does not compile again."""
     items.sort(key=lambda item: item.get_closest_marker("compiles") is None)
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what stays, and over the samples of a dive less often."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(autouse=True)

@@ -55,19 +55,23 @@ SHORT = """
 from dataclasses import replace
 from lab.loop import scenarios
 from lab.studies import gain_search as search
-whole, searched, search.TRAINING_S = scenarios.four, search.search, 4.0
+whole, searched = scenarios.four, search.search
+search.COUNTS_S = search.TRAINING_S = 4.0
 def short(*arguments):
     return tuple(replace(one, duration_s=scenarios.SETTLE_S + 4.0) for one in whole(*arguments))
 def depth_alone(stage, *arguments, **named):
     if stage.place:
         return search.SearchResult(dict(stage.knobs), 1.0, 1.0, 11)
+    from lab.batch import simulate
+    simulate.cached = lambda dive, keeps: dive
     return searched(stage, *arguments, **named)
 scenarios.four = short
 search.search = depth_alone
 """
 """Every process of the commands runs this first: what they say does not depend on how long they dive.
 
-A search of the place is another half minute of compiling; test_bench.py has one.
+A search compiles the dive for each compensator, a minute each: here it dives in plain Python. test_bench.py
+has one that is compiled, of the place too, and test_compiled.py compiles the compensator.
 """
 
 

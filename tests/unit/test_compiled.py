@@ -5,11 +5,13 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import pytest
+from virtual import ROOT
 
 from companion import assembly, core
 from companion.config import load_config
@@ -114,7 +116,18 @@ def test_a_changed_or_new_source_changes_the_digest(tmp_path):
     assert len(seen) == 3
 
 
+def example(name):
+    """A user's compensator or law: a file of docs/examples."""
+    spec = spec_from_file_location(name, ROOT / "docs" / "examples" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 EQUATIONS = [
+    *(example("drag").step, example("pd").step),
     *(integrator.step, mixer.mix_six_dof, mixer.mix_vectored, depth_hold.step),
     *(plant.down_axis, plant.ned_velocity, plant.euler),
     *(thrusters.static_thrust, thrusters.follow_of, body.moved),
