@@ -24,7 +24,7 @@ from sim_bridge.sim_config import load_config
         ["check", "--config", "nowhere"],
         ["identify", "--config", "nowhere", "--yes"],
         ["sim", "--vehicle", "nowhere.toml"],
-        ["lab", "tune", "--config", "nowhere"],
+        ["lab", "tune", "ppi", "--config", "nowhere"],
         ["report", "nowhere"],
         ["lab", "rerun", "nowhere"],
         ["replay", "nowhere"],
