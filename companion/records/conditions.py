@@ -243,8 +243,8 @@ class Condition(IntFlag):
     )
     TILT_PERSISTS = (
         "tilted too far for too long",
-        "for off_track_s, and neither levelled nor within 0.3 m of its depth: the autopilot tries, in "
-        "STABILIZE and then ALT_HOLD",
+        "for off_track_s, less the time in which it was not, and not within 0.3 m of its depth: the "
+        "autopilot tries, in STABILIZE and then ALT_HOLD; with a reversed motor thrust ends instead",
         "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
         "the lasting tilt has ended",
     )
@@ -315,7 +315,7 @@ class Condition(IntFlag):
     OFF_TRACK = (
         "too far from the setpoint",
         "by more than max_error_m or max_error_deg for off_track_s, less the time in which it was not; the "
-        "5 s after a motor was found dead or reversed do not count",
+        "5 s after a motor was found dead or reversed do not count; with a reversed motor thrust ends",
         "look for the cause: tether, current, a dead or reversed thruster",
         "near the setpoint again",
     )

@@ -172,12 +172,12 @@ class Monitor:
         elif dofs is not None:
             self._count_saturated(observed, dofs, limits, paused=bool(paused))
             if not paused:
-                self._count_unanswered(observed, dofs, config.heave.max_force)
-        # A vehicle that turns round and round is on its heading once in each turn.
-        counted_s = watched.off_track_s + (dt_s if off_track else -dt_s)
+                self._count_unanswered(observed, dofs, config)
+        # A vehicle that turns round and round, or over and over, is right once in each turn.
         steers = previous.authority > 0.0 or bool(paused)
-        watched.off_track_s = max(counted_s, 0.0) if steers and not recovers else 0.0
-        watched.tilted_s = _lasting(watched.tilted_s, dt_s, holds=far)
+        off_track_s = _counted_back(watched.off_track_s, dt_s, holds=off_track)
+        watched.off_track_s = off_track_s if steers and not recovers else 0.0
+        watched.tilted_s = _counted_back(watched.tilted_s, dt_s, holds=far)
         if paused:
             watched.interruption, self._interrupted_t_s = paused, state.t_s
         if not active:  # the ramp of engaging is no loss
@@ -199,10 +199,10 @@ class Monitor:
         pulls = [d * full for d, full in zip(observed.state.disturbance[:PSI], cut[:PSI], strict=True)]
         watched.pull_n = max(watched.pull_n, math.hypot(*pulls)) if watched.saturated_s > 0.0 else 0.0
 
-    def _count_unanswered(self, observed: Observation, dofs: Dofs, most_n: float) -> None:
-        """Count how long full vertical thrust has not moved the vehicle."""
-        z_m = observed.state.eta[Z]
-        pushes = observed.held[Z] and abs(dofs.tau[Z]) >= FULL_THRUST * most_n
+    def _count_unanswered(self, observed: Observation, dofs: Dofs, config: Config) -> None:
+        """Count how long full vertical thrust has not moved the vehicle; one that is tilted gets less."""
+        z_m, full_n = observed.state.eta[Z], FULL_THRUST * config.heave.max_force
+        pushes = observed.held[Z] and abs(dofs.tau[Z]) >= full_n and not tilted(observed, config.supervisor)
         if not abs(z_m - self._pushed_at_m) <= UNANSWERED_M:
             self.watched.unanswered_s, self._pushed_at_m = 0.0, z_m
         counted_s = self.watched.unanswered_s + (1.0 if pushes else -UNSATURATED_COUNTS) * observed.dt_s
@@ -244,6 +244,11 @@ class Monitor:
 
 def _lasting(so_far_s: float, dt_s: float, *, holds: bool) -> float:
     return so_far_s + dt_s if holds else 0.0
+
+
+def _counted_back(so_far_s: float, dt_s: float, *, holds: bool) -> float:
+    """Return the time in which it held, less that in which it did not."""
+    return max(so_far_s + (dt_s if holds else -dt_s), 0.0)
 
 
 def _since(began_s: float | None, now_s: float, *, holds: bool) -> float | None:

@@ -105,9 +105,23 @@ def test_all_horizontal_ones_turn_the_vehicle_round_and_round_and_that_is_no_hea
         dive.fault("thruster", thruster=motor, value=-1.0)
     steps = dive.run(20.0)
     ended = next(step for step in steps if step.sample.verdict.state is not State.ACTIVE)
-    assert ended.sample.verdict.state is State.HAND_OVER
+    assert ended.sample.verdict.state is State.RAMP_DOWN
     assert ended.sample.verdict.reason == Condition.OFF_TRACK.text
     assert "reversed thruster" in ended.sample.verdict.remedy
+
+
+@pytest.mark.parametrize("motors", [(5, 8), (5, 6, 7)])
+def test_several_vertical_ones_end_in_neutral_and_the_vehicle_rights_itself(motors):
+    """The autopilot's own modes would go on turning it over."""
+    dive = Dive(setpoint=hold(z=DEPTH_M))
+    for motor in motors:
+        dive.fault("thruster", thruster=motor, value=-1.0)
+    steps = dive.until(State.ACTIVE, within_s=12.0).run(40.0)
+    states = {step.sample.verdict.state for step in steps}
+    assert State.RAMP_DOWN in states
+    assert State.HAND_OVER not in states
+    assert tilt_deg(steps[-100:]).max() < 5.0
+    assert dive.motors_rest()
 
 
 def test_the_motor_that_was_put_right_on_deck_is_not_turned_again():

@@ -210,6 +210,13 @@ def test_the_worse_of_two_reasons_counts(worse, milder):
     assert brought_to(State.ACTIVE).step(worse | milder, TICK_S).state is State.FAULT
 
 
+@pytest.mark.parametrize("gives_up", [C.TILT_PERSISTS, C.OFF_TRACK])
+def test_a_reversed_motor_is_not_handed_to_an_autopilot_that_does_not_know_of_it(gives_up):
+    verdict = brought_to(State.ACTIVE).step(gives_up | C.THRUSTER_REVERSED, TICK_S)
+    assert verdict.state is State.RAMP_DOWN
+    assert verdict.reason == gives_up.text
+
+
 def test_waiting_says_for_what():
     verdict = StateMachine(RAMP_S).step(C.DISARMED | C.DEPTH_STALE, TICK_S)
     assert verdict.state is State.IDLE

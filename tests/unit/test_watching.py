@@ -187,10 +187,24 @@ def test_less_thrust_or_a_depth_that_is_not_held_does_not_count(seen, dofs, held
         assert seen.step(dofs=dofs, held=held).unanswered_s == 0.0
 
 
+def test_a_tilted_vehicle_does_not_get_the_thrust_that_is_asked(seen):
+    for _ in range(10):
+        over = structs.replace(RESTING, roll=radians(70.0))
+        assert seen.step(dofs=Dofs(heave_n=FULL_N), state=over).unanswered_s == 0.0
+
+
 def test_a_vehicle_that_full_thrust_moves_is_answered(seen):
     for step in range(200):
         watched = seen.step(dofs=Dofs(heave_n=FULL_N), state=at_depth(3.0 + 0.03 * step * TICK_S))
         assert watched.unanswered_s < 2.0
+
+
+def test_a_vehicle_that_turns_over_and_over_is_level_at_times(seen):
+    over = structs.replace(RESTING, roll=radians(90.0))
+    for _ in range(4):
+        tilted_s = seen.step(state=over).tilted_s
+    assert tilted_s == pytest.approx(4 * TICK_S)
+    assert seen.step().tilted_s == pytest.approx(3 * TICK_S)
 
 
 @pytest.mark.parametrize(
