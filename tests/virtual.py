@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import cast
 
+import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import load_config
@@ -73,6 +74,25 @@ def rewritten(changes):
 
 def freeze(value, first):
     return first
+
+
+def blocked(seed=1):
+    """What comes where the port of the depth sensor is blocked: noise about what it said last."""
+    rng = np.random.default_rng(seed)
+
+    def about(scale):
+        def noisy(value, first):
+            noise = scale * rng.standard_normal()
+            return first + (round(noise) if isinstance(value, int) else noise)
+
+        return noisy
+
+    return {
+        "GLOBAL_POSITION_INT": {"relative_alt": about(3.0), "alt": about(3.0)},
+        "SCALED_PRESSURE": {"press_abs": about(0.3)},
+        "SCALED_PRESSURE2": {"press_abs": about(0.3)},
+        "VFR_HUD": {"climb": lambda *_: 0.005 * rng.standard_normal(), "alt": about(3e-3)},
+    }
 
 
 class Somebody:

@@ -5,7 +5,7 @@ from math import nan, remainder, tau
 
 import numpy as np
 import pytest
-from virtual import HEADING_RAD, Dive, Somebody, active, freeze, hold, rewritten
+from virtual import HEADING_RAD, Dive, Somebody, active, blocked, freeze, hold, rewritten
 
 from companion.records import Condition, State, Z
 from companion.telemetry.event_log import EventLog
@@ -96,25 +96,6 @@ def test_a_sensor_that_hangs_for_a_moment_is_ridden_out():
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert off(steps)[0] < 0.2
     assert off(steps[-50:])[0] < 0.03
-
-
-def blocked(seed=1):
-    """What comes where the port of the depth sensor is blocked: noise about what it said last."""
-    rng = np.random.default_rng(seed)
-
-    def about(scale):
-        def noisy(value, first):
-            noise = scale * rng.standard_normal()
-            return first + (round(noise) if isinstance(value, int) else noise)
-
-        return noisy
-
-    return {
-        "GLOBAL_POSITION_INT": {"relative_alt": about(3.0), "alt": about(3.0)},
-        "SCALED_PRESSURE": {"press_abs": about(0.3)},
-        "SCALED_PRESSURE2": {"press_abs": about(0.3)},
-        "VFR_HUD": {"climb": lambda *_: 0.005 * rng.standard_normal(), "alt": about(3e-3)},
-    }
 
 
 @pytest.mark.parametrize("to_m", [DEPTH_M - 1.0, DEPTH_M + 1.0])

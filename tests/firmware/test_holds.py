@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from extension import DvlExtension
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import Somebody, hold
+from virtual import Somebody, blocked, hold, rewritten
 
 from companion.records import Condition, GlobalOrigin, Parameter, State
 from companion.telemetry.operator_commands import Goto
@@ -118,6 +118,29 @@ def test_depth_and_heading_are_held_without_a_thruster(holding, motor):
     assert np.abs(depth_m).max() < 0.1
     assert np.degrees(np.abs(np.unwrap(poses[:, 5]))).max() < 5.0
     assert np.degrees(np.abs(poses[:, 3:5])).max() < 30.0
+
+
+def test_several_reversed_motors_end_in_neutral_and_the_vehicle_rights_itself(dived):
+    """STABILIZE and ALT_HOLD turn it over, as they do not know of them."""
+    dive = dived(at(3), setpoint=hold(3.0, np.nan))
+    for motor in (5, 6, 7):
+        dive.fault("thruster", thruster=motor, value=-1.0)
+    steps = dive.run(60.0)
+    assert State.ACTIVE in states(steps)
+    assert State.HAND_OVER not in states(steps)
+    assert np.degrees(np.abs(eta(steps)[-50:, 3:5])).max() < 5.0
+
+
+def test_full_thrust_that_moves_nothing_ends_control(dived):
+    """The vehicle is hung up, or the port of its depth sensor is blocked."""
+    dive = dived(at(3), setpoint=hold(3.0, np.nan))
+    dive.run(15.0)
+    dive.tap.spoil = rewritten(blocked())
+    dive.tap.aim(hold(4.0, np.nan))
+    steps = dive.run(8.0)
+    ended = next(step for step in steps if step.sample.verdict.state is not State.ACTIVE)
+    assert ended.sample.verdict.reason == Condition.THRUST_UNANSWERED.text
+    assert ended.truth.eta[2] < 6.0
 
 
 def test_a_vehicle_that_stays_tilted_is_kept_while_its_depth_is_held(dived):
