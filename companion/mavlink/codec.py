@@ -23,6 +23,9 @@ STEERING: Final = frozenset(
 REMEMBERED: Final = 8192
 """Frames that we sent, at least: of the last two minutes at 64 a second."""
 
+CLIMBS: Final = 256
+"""Frames of the climb rate, at least: of the last five seconds."""
+
 QUESTIONS: Final = 512
 """TIMESYNC questions that we asked, of as long a time."""
 
@@ -48,26 +51,38 @@ def addresses_us(frame: WireFrame, link: LinkSection) -> bool:
     return message.target_component == link.component and message.target_system in systems
 
 
+class Frames:
+    """The last frames, `least` or more."""
+
+    def __init__(self, least: int) -> None:
+        self._least = least
+        self._newer, self._older = set[int](), set[int]()
+        """Their hashes, in two generations."""
+
+    def __contains__(self, frame: bytes) -> bool:
+        digest = hash(frame)
+        return digest in self._newer or digest in self._older
+
+    def add(self, frame: bytes) -> None:
+        """Take one more."""
+        if len(self._newer) >= self._least:
+            self._newer, self._older = set(), self._newer
+        self._newer.add(hash(frame))
+
+
 class Sent:
     """What this process sent in the last minutes: what else comes with its ids is of another Holdfast."""
 
     def __init__(self) -> None:
-        self._frames, self._older = set[int](), set[int]()
-        """Their hashes, in two generations."""
+        self.frames = Frames(REMEMBERED)
         self._asked: dict[int, int] = {}
         """The first answer's tc1 (0 before it) by ts1 of our TIMESYNC questions, oldest first."""
         self._answered_ns = 0
         self._unasked_s: deque[float] = deque((-math.inf,) * 3, maxlen=3)
 
-    def __contains__(self, frame: bytes) -> bool:
-        digest = hash(frame)
-        return digest in self._frames or digest in self._older
-
     def add(self, frame: bytes, message: Message) -> None:
         """Take what is sent now."""
-        if len(self._frames) >= REMEMBERED:
-            self._frames, self._older = set(), self._frames
-        self._frames.add(hash(frame))
+        self.frames.add(frame)
         if message.MESSAGE_ID == mavlink.MAVLINK_MSG_ID_TIMESYNC:
             self._asked[message.ts1] = 0
             if len(self._asked) > QUESTIONS:
@@ -166,6 +181,7 @@ class Codec:
         self.encode = Packer(*self._source, signing, self.sent).encode
         self._signing = signing
         self._mark = clock_mark(*self._source)
+        self._climbs = Frames(CLIMBS)
         self._stream = stream
         self._wanted = wanted
         self.splitter = Splitter(stream, version_1=False)
@@ -223,7 +239,7 @@ class Codec:
         if (frame.system, frame.component) not in self.ours or frame.version != 2:
             return False
         if self._signing is None:
-            return piece not in self.sent
+            return piece not in self.sent.frames
         others = self._signing.accepts(piece)
         self.counters.refused += not others
         return others
@@ -248,6 +264,11 @@ class Codec:
         if from_vehicle and self._wanted is not None and frame.id not in self._wanted:
             self.counters.messages += 1
             return
+        if from_vehicle and frame.id == mavlink.MAVLINK_MSG_ID_VFR_HUD:
+            if piece in self._climbs:  # it has no stamp: a copy that took a longer way would be new
+                self.counters.messages += 1
+                return
+            self._climbs.add(piece)
         message = frame.message() if from_vehicle or rival else None
         if message is None or (rival and getattr(message, "target", self._target[0]) != self._target[0]):
             self.counters.foreign += 1

@@ -78,6 +78,24 @@ def test_bytes_gone_bad_are_borne(act):
     assert act is not garbage or dive.step.sample.counters.garbage >= 300
 
 
+@pytest.mark.parametrize("late_s", [0.02, 0.3, 1.5])
+def test_every_datagram_a_second_time_by_a_longer_way_changes_nothing(late_s):
+    """The climb rate has no stamp: its late copies took the vehicle 0.2 m away."""
+    dive = arrived()
+    waiting: list[tuple[float, bytes]] = []
+
+    def copied(t_s, inbox):
+        waiting.extend((t_s + late_s, data) for _, data in inbox)
+        late = [data for at_s, data in waiting if at_s <= t_s]
+        del waiting[: len(late)]
+        return [*inbox, *((arrival(t_s), data) for data in late)]
+
+    dive.tap.spoil = copied
+    steps = dive.run(10.0)
+    assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
+    assert max(abs(step.truth.eta[2] - DEPTH_M) for step in steps) < 0.03
+
+
 def test_an_autopilot_that_reboots_is_not_armed_again_and_can_be_engaged_again():
     """Even though told to arm: what ended a dive is for somebody to look at."""
     dive = arrived()
