@@ -177,7 +177,7 @@ class Monitor:
         steers = previous.authority > 0.0 or bool(paused)
         off_track_s = _counted_back(watched.off_track_s, dt_s, holds=off_track)
         watched.off_track_s = off_track_s if steers and not recovers else 0.0
-        watched.tilted_s = _counted_back(watched.tilted_s, dt_s, holds=far)
+        watched.tilted_s = _counted_back(watched.tilted_s, dt_s, holds=far) if steers else 0.0
         if paused:
             watched.interruption, self._interrupted_t_s = paused, state.t_s
         if not active:  # the ramp of engaging is no loss

@@ -205,6 +205,7 @@ def test_a_vehicle_that_turns_over_and_over_is_level_at_times(seen):
         tilted_s = seen.step(state=over).tilted_s
     assert tilted_s == pytest.approx(4 * TICK_S)
     assert seen.step().tilted_s == pytest.approx(3 * TICK_S)
+    assert seen.step(state=over, authority=0.0).tilted_s == 0.0, "one that lay on its side on deck is engaged"
 
 
 @pytest.mark.parametrize(
