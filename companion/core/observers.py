@@ -449,8 +449,7 @@ def interpolate(trajectory: list[observer.Point], step_index: float) -> tuple[fl
 
 def sent(memory: ObserversMemory, t_s: float, tau_ned: Vector, d_hat: Vector) -> ObserversMemory:
     """Note the thrust (N, N·m) of a command that was sent at `t_s`; `d_hat` of it answers a disturbance."""
-    commands = command_history.appended(memory.commands, t_s, tau_ned, d_hat)
-    return ObserversMemory(memory.dofs, memory.hidden, memory.learner, commands)
+    return memory._replace(commands=command_history.appended(memory.commands, t_s, tau_ned, d_hat))
 
 
 def without_thrust(memory: ObserversMemory, tau_ned: Vector) -> ObserversMemory:

@@ -194,19 +194,21 @@ class Monitor:
         watched = self.watched
         cut = [held and full for held, full in zip(observed.held, dofs.saturated, strict=True)]
         counts = any(cut) or (paused and watched.saturated_s > 0.0)
-        counted_s = watched.saturated_s + (1.0 if counts else -UNSATURATED_COUNTS) * observed.dt_s
-        watched.saturated_s = min(max(counted_s, 0.0), 1.5 * limits.saturated_s + observed.dt_s)
+        counted_s = _counted_back(watched.saturated_s, observed.dt_s, holds=counts, back=UNSATURATED_COUNTS)
+        watched.saturated_s = min(counted_s, 1.5 * limits.saturated_s + observed.dt_s)
         pulls = [d * full for d, full in zip(observed.state.disturbance[:PSI], cut[:PSI], strict=True)]
         watched.pull_n = max(watched.pull_n, math.hypot(*pulls)) if watched.saturated_s > 0.0 else 0.0
 
     def _count_unanswered(self, observed: Observation, dofs: Dofs, config: Config) -> None:
         """Count how long full vertical thrust has not moved the vehicle; one that is tilted gets less."""
-        z_m, full_n = observed.state.eta[Z], FULL_THRUST * config.heave.max_force
-        pushes = observed.held[Z] and abs(dofs.tau[Z]) >= full_n and not tilted(observed, config.supervisor)
+        watched, z_m = self.watched, observed.state.eta[Z]
+        full = abs(dofs.tau[Z]) >= FULL_THRUST * config.heave.max_force
+        pushes = observed.held[Z] and full and not tilted(observed, config.supervisor)
         if not abs(z_m - self._pushed_at_m) <= UNANSWERED_M:
-            self.watched.unanswered_s, self._pushed_at_m = 0.0, z_m
-        counted_s = self.watched.unanswered_s + (1.0 if pushes else -UNSATURATED_COUNTS) * observed.dt_s
-        self.watched.unanswered_s = max(counted_s, 0.0)
+            watched.unanswered_s, self._pushed_at_m = 0.0, z_m
+        watched.unanswered_s = _counted_back(
+            watched.unanswered_s, observed.dt_s, holds=pushes, back=UNSATURATED_COUNTS
+        )
 
     def _average(self, observed: Observation) -> None:
         """Average the innovations, with a memory of INNOVATION_MEMORY_S; what is not finite begins anew."""
@@ -246,9 +248,9 @@ def _lasting(so_far_s: float, dt_s: float, *, holds: bool) -> float:
     return so_far_s + dt_s if holds else 0.0
 
 
-def _counted_back(so_far_s: float, dt_s: float, *, holds: bool) -> float:
-    """Return the time in which it held, less that in which it did not."""
-    return max(so_far_s + (dt_s if holds else -dt_s), 0.0)
+def _counted_back(so_far_s: float, dt_s: float, *, holds: bool, back: float = 1.0) -> float:
+    """Return the time in which it held, less the share `back` of that in which it did not."""
+    return max(so_far_s + (dt_s if holds else -back * dt_s), 0.0)
 
 
 def _since(began_s: float | None, now_s: float, *, holds: bool) -> float | None:

@@ -66,7 +66,7 @@ class Watched(msgspec.Struct, kw_only=True):
     pull_n: float = 0.0
     """The largest disturbance of that time, along what is saturated."""
     unanswered_s: float = 0.0
-    """Time in which full vertical thrust has not changed the depth."""
+    """Time of full vertical thrust, minus half of the time without it, since the depth last changed."""
     off_track_s: float = 0.0
     tilted_s: float = 0.0
     """Too far from its angle, and from its depth."""
