@@ -28,13 +28,12 @@ demo: $(DEMO)  ## dives in the simulator, half a minute; leaves out/demo.png and
 
 test: $(STAMP)  ## everything that must hold, `make check` included
 	@$(MAKE) --no-print-directory --jobs --output-sync virtual live
-	$(BIN)/pytest tests/live -m alone  # a stalled clock fails them
 
 virtual: $(STAMP) clients
 	nice -n 19 $(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %)
 
 live: check clients
-	$(BIN)/pytest $(REAL_CLOCKS) -m 'not alone' -n 2 --dist worksteal  # they mostly wait
+	$(BIN)/pytest $(REAL_CLOCKS) -n 2 --dist worksteal  # they mostly wait
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property

@@ -23,7 +23,6 @@ def port():
         yield port
 
 
-@pytest.mark.alone  # the list grades the clock
 def test_warnings_then_all_good_then_a_refusal(port):
     """The origin is not set; set it; steer under an id that the vehicle does not obey."""
     done = check(port)

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 from tools.processes import HOLDFAST, free_port, running
-from waiting import until
+from waiting import PATIENT, until
 
 from companion.records import State
 from companion.telemetry import schemas as telemetry
@@ -26,14 +26,6 @@ from dashboard.zenoh_client import Subscription
 STALE_WITHIN_S = 1.0
 ENGAGE_S = 8.0
 PAGE_BYTES = 300_000
-PATIENT = (
-    "late_tick_s=5",
-    "max_innovation_m=9",
-    "max_innovation_deg=90",
-    "depth_timeout_s=5",
-    "attitude_timeout_s=5",
-)
-"""A slow machine shall not make it let go: this is about the dashboard."""
 HOLDS = (
     "document.querySelector('#banner').dataset.state === 'ACTIVE' && document.body.dataset.stale === 'no'"
     " && holdfast.count.frames > 2"
@@ -105,8 +97,6 @@ ARGUMENTS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-backgroun
 if not CHROMIUM and not os.environ.get("CI"):
     pytest.skip("chromium is not installed: .ci/apt brings it", allow_module_level=True)
 
-pytestmark = pytest.mark.alone  # Chromium takes more than a core
-
 
 class Dive:
     """A vehicle, its companion and two dashboards: one that may command, one that is read-only."""
@@ -125,7 +115,7 @@ class Dive:
     def start_companion(self) -> None:
         settings = (
             *(f"link.endpoint=udp-listen:{self._link}", f"telemetry.endpoint={self.zenoh}"),
-            *("vehicle.name=kelp", *(f"supervisor.{limit}" for limit in PATIENT)),
+            *("vehicle.name=kelp", *PATIENT),
         )
         options = ("--engage", "--arm", "--depth", "1", "--heading", "20", "--allow-control")
         self.companion = self._start("run", *options, *(f"--set={setting}" for setting in settings))
@@ -535,22 +525,27 @@ _COVERED = """(() => {
 })()"""
 
 
-@pytest.mark.parametrize("width", [1440, 1024, 390])
-def test_the_alarm_covers_no_words(opened: Callable[..., Page], width: int) -> None:
-    page = opened("/", width=width)
-    assert _get(page, _COVERED) == []
+WIDTHS = (1440, 1024, 390)
 
 
-@pytest.mark.parametrize("width", [1440, 1024, 390])
-def test_nothing_is_clipped(opened: Callable[..., Page], width: int) -> None:
-    page = opened(f"/engineer#token={TOKEN}", live=False, width=width)
+def test_the_alarm_covers_no_words(opened: Callable[..., Page]) -> None:
+    page = opened("/")
+    for width in WIDTHS:
+        page.set_viewport_size({"width": width, "height": 844})
+        assert _get(page, _COVERED) == [], width
+
+
+def test_nothing_is_clipped(opened: Callable[..., Page]) -> None:
+    page = opened(f"/engineer#token={TOKEN}", live=False)
     _wait(page, "globalThis.holdfast?.count.frames > 2")
-    time.sleep(0.5)  # the legends are filled
-    assert _get(page, _CLIPPED) == []
-    page.locator("#tune").click()
-    _wait(page, "document.body.dataset.tuning === 'yes'")
-    time.sleep(0.5)
-    assert _get(page, _CLIPPED) == []
+    for tuning in ("no", "yes"):
+        if tuning == "yes":
+            page.locator("#tune").click()
+            _wait(page, "document.body.dataset.tuning === 'yes'")
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 844})
+            time.sleep(0.4)  # the legends are filled
+            assert _get(page, _CLIPPED) == [], (width, tuning)
 
 
 def test_a_silent_server_is_seen_and_a_new_one_found(dive: Dive, opened: Callable[..., Page]) -> None:

@@ -2,12 +2,11 @@
 
 import socket
 
-import pytest
 from clients import mavproxy, needs_clients
 from tools.processes import HOLDFAST, free_port, running
+from waiting import PATIENT
 
 
-@pytest.mark.alone
 @needs_clients
 def test_mavproxy_prints_what_holdfast_says_and_its_user_commands_it(tmp_path):
     ground, link = free_port(socket.SOCK_DGRAM), f"127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
@@ -16,6 +15,7 @@ def test_mavproxy_prints_what_holdfast_says_and_its_user_commands_it(tmp_path):
         *("--set", f"ground_station.endpoint=udp-connect:127.0.0.1:{ground}"),
         *("--set", "vehicle.thrust_path=manual_control"),
         *("--set", f"telemetry.endpoint=tcp/127.0.0.1:{free_port()}"),
+        *(f"--set={setting}" for setting in PATIENT),
     )
     with (
         mavproxy(ground, tmp_path) as station,

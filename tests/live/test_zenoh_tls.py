@@ -134,7 +134,6 @@ def test_the_laptop_commands_where_it_was_allowed_and_publishes_nothing(
         assert _put_seen(neighbour, local), "processes on the vehicle may publish"
 
 
-@pytest.mark.alone
 def test_over_a_slow_link_whole_ticks_come_and_few_of_them(
     diving: Callable[..., Vehicle], make_sample: Callable[..., ControlSample]
 ) -> None:
