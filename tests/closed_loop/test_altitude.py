@@ -101,7 +101,7 @@ def test_an_echo_that_is_lost_or_false_moves_nothing(fault):
     ids=lambda fault: f"{fault.kind} {fault.value:g}",
 )
 def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
-    """From 2 m over the ground to an altitude of 1 m; two of the ranges are sound again after a while.
+    """From 2 m over the ground to an altitude of 1 m; one of the ranges is sound again after a while.
 
     property/test_range_faults.py has other ranges, without the loop.
 
@@ -116,18 +116,17 @@ def test_a_range_that_does_not_answer_is_doubted_and_the_depth_held(fault):
     assert 2.0 - 1.0 - NOD_M < altitudes(steps).min() <= altitudes(steps).max() < 3.9
     assert all(doubted[600:])
     assert np.ptp(altitudes(steps)[-200:]) < 0.25
-    if fault.kind not in ("message_frozen", "range_scaled"):
+    if fault.kind != "message_frozen":
         return
-    steps = dive.run(30.0)
+    steps = dive.run(24.0)
     assert np.abs(np.diff(altitudes(steps))).max() < 0.6 * 0.02
     assert altitudes(steps)[-100:] == pytest.approx(1.0, abs=0.05)
     assert not steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
 
 
-@pytest.mark.parametrize("quality", [1.0, 2.0, 50.0])
-def test_a_range_of_a_weak_signal_is_none(quality):
+def test_a_range_of_a_weak_signal_is_none():
     dive = two_metres_over_ground()
-    dive.fault("range_quality", value=quality)
+    dive.fault("range_quality", value=50.0)
     dive.fault("range_false", value=0.6)
     steps = dive.run(4.0)
     assert altitudes(steps) == pytest.approx(2.0, abs=0.04)
@@ -139,9 +138,9 @@ def test_a_range_that_sticks_while_a_slope_is_followed_is_doubted():
     places = (Waypoint(x_m=0.0, y_m=0.0), Waypoint(x_m=30.0, y_m=0.0))
     plan = PathPlan(waypoint=places, altitude_m=1.5, speed_mps=0.3, acceleration_mps2=0.2, heading="keep")
     dive.engine.guide(build(plan, limits(dive.engine.config)))
-    dive.run(10.0)
+    dive.run(5.0)
     dive.fault("range_answers", value=0.0)
-    steps = dive.run(30.0)
+    steps = dive.run(22.0)
     assert altitudes(steps, lambda eta: 6.0 + 0.15 * eta[0]).min() > 0.6
     assert steps[-1].sample.verdict.warnings & Condition.GROUND_DOUBTED
 

@@ -28,9 +28,9 @@ def held(*plant, **arguments):
 
 @shared
 def level():
-    """A dive of which ten seconds held level are known: it, and the RMS of its depth, mm."""
+    """A dive of which eight seconds held level are known: it, and the RMS of its depth, mm."""
     dive = held(*ROUGH)
-    return dive, depth_mm(dive.run(10.0))
+    return dive, depth_mm(dive.run(8.0))
 
 
 def angles(steps):
@@ -47,7 +47,7 @@ def test_depth_and_place_are_held_at_an_angle_as_level(asked):
     dive, level_mm = level()
     roll, pitch = asked
     dive.engine.guide(Goto(roll_deg=roll, pitch_deg=pitch))
-    moving, steps = dive.run(5.0), dive.run(20.0)
+    moving, steps = dive.run(5.0), dive.run(10.0)
     np.testing.assert_allclose(angles(steps).mean(axis=0), asked, atol=1.0)
     assert angles(steps).std(axis=0).max() < 3.5
     assert depth_mm(moving) < 8.0
@@ -64,8 +64,8 @@ def test_a_path_may_name_an_angle():
     circle = Circle(radius_m=1.0, depth_m=2.5)
     plan = PathPlan(circle=circle, speed_mps=0.2, pitch_deg=20.0, heading="along")
     dive.engine.guide(build(plan, limits(dive.engine.config)))
-    dive.run(12.0)
-    steps = dive.run(15.0)
+    dive.run(8.0)
+    steps = dive.run(10.0)
     np.testing.assert_allclose(angles(steps).mean(axis=0), (0.0, 20.0), atol=1.5)
     e = np.array([step.sample.dofs.e for step in steps])
     assert np.abs(e[:, 2]).max() < 0.02

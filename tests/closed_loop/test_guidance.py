@@ -249,7 +249,7 @@ def test_the_vehicle_stays_inside_the_fence():
     steps += dive.run(9.0)
     circle = Circle(radius_m=1.4, depth_m=3.9)
     dive.engine.guide(path(dive, circle=circle, speed_mps=0.5, acceleration_mps2=0.3))
-    steps += dive.run(25.0)
+    steps += dive.run(15.0)
     dive.engine.guide(Goto(x_m=-1.4, y_m=1.4, depth_m=0.6, speed_mps=1.0, acceleration_mps2=0.5))
     steps += dive.run(12.0)
     assert dive.step.sample.eta_d[:3] == pytest.approx((-1.4, 1.4, 0.6), abs=0.03)

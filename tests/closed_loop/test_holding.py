@@ -40,7 +40,7 @@ class Case:
     file: Path = HEAVY
     link: LinkDelay = LinkDelay()  # noqa: RUF009 - frozen
     settled_s: float = 10.0
-    duration_s: float = 21.0
+    duration_s: float = 18.0
     depth_rms_mm: float = 6.0
     depth_peak_mm: float = 20.0
     heading_rms_deg: float = 0.7
@@ -86,8 +86,8 @@ CASES = {
     ),
     "a load of nine tenths of the thrust, for good": Case(
         vehicle=("load.enabled=true", "load.weight_n=90", "load.on_s=4.0", "load.off_s=1e4"),
-        settled_s=20.0,
-        duration_s=30.0,
+        settled_s=18.0,
+        duration_s=24.0,
     ),
     "tugging tether": Case(
         vehicle=("tether.enabled=true", "tether.sigma_n=[2,2,5]", "tether.tau_s=5.0"), depth_rms_mm=8.0
@@ -130,7 +130,7 @@ CASES = {
         vehicle=("waves.enabled=true", *HOMELESS),
         link=LinkDelay(up_s=0.05, down_s=0.05),
         settled_s=14.0,
-        duration_s=28.0,
+        duration_s=23.0,
         depth_rms_mm=9.0,
         depth_peak_mm=28.0,
         chatter_n=4.5,
@@ -162,10 +162,9 @@ def test_holds(name: str) -> None:
         assert rms(np.hypot(eta[:, 0] - goal[X], eta[:, 1] - goal[Y])) <= case.position_rms_m
 
 
-@pytest.mark.parametrize("seed", [905, 908])
-def test_a_vehicle_of_the_ensemble_is_engaged_without_a_cycle_and_held(seed: int) -> None:
+def test_a_vehicle_of_the_ensemble_is_engaged_without_a_cycle_and_held() -> None:
     """It floats up, weak and its thrusters late, which nobody knows yet: whole gains asked for 68 N."""
-    scenario = replace(four(seed)[3], duration_s=SETTLE_S + 10.0)
+    scenario = replace(four(905)[3], duration_s=SETTLE_S + 10.0)
     recorded = dive(scenario, load_config(), load_plant(HEAVY), LinkDelay())
     assert recorded.active[recorded.t_s > SETTLE_S].all()
     assert np.abs(recorded.force[:, 2]).max() < 60.0
@@ -200,8 +199,7 @@ def test_delay_that_cannot_be_measured_is_found_in_the_innovations() -> None:
     stopped = (f'{{kind="message_stopped", message="{name}"}}' for name in ("TIMESYNC", "SERVO_OUTPUT_RAW"))
     known = CASES["40 ms more delay each way, measured"]
     hidden = replace(known, vehicle=(*known.vehicle, f"faults=[{', '.join(stopped)}]"))
-    found_s = [fly(hidden, seed)[-1].sample.state.delays.hidden_s for seed in (1, 2, 3)]
-    assert np.mean(found_s) > 0.02
+    assert fly(hidden)[-1].sample.state.delays.hidden_s > 0.02
     blind_n, known_n = (
         rms(np.array([s.sample.delivered[Z] for s in fly(case) if s.t_s > case.settled_s]))
         for case in (hidden, known)

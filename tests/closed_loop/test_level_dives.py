@@ -51,14 +51,11 @@ def states(steps):
 def test_the_heavy_holds_a_place_in_a_current_and_waves_by_manual_control():
     """Without levelling it lay on its side 2 s after engaging, was released and disarmed."""
     gain = ("parameters.JS_GAIN_DEFAULT=1.0",)
-    by_manual_control, most_deg = ("vehicle.thrust_path=manual_control",), []
-    for seed in (3, 2, 1):
-        dive = engaged(*SEA, *current(0.4), *gain, companion=by_manual_control, seed=seed)
-        steps = dive.run(25.0)
-        assert states(steps) == {State.ACTIVE}
-        most_deg.append(tilt_deg(steps).max())
-    assert np.mean(most_deg) < 15.0
-    held = steps[-500:]
+    dive = engaged(*SEA, *current(0.4), *gain, companion=("vehicle.thrust_path=manual_control",), seed=3)
+    steps = dive.run(18.0)
+    assert states(steps) == {State.ACTIVE}
+    assert tilt_deg(steps).max() < 12.0
+    held = steps[-300:]
     assert tilt_deg(held).max() < 8.0
     eta = np.array([step.truth.eta for step in held])
     assert np.sqrt(np.mean(np.square(eta[:, :2]))) < 0.06
@@ -68,19 +65,16 @@ def test_the_heavy_holds_a_place_in_a_current_and_waves_by_manual_control():
 
 def test_a_current_that_surge_and_sway_cannot_resist_takes_neither_depth_nor_heading():
     """1 m/s across its corner: the motors that are at their end serve the heading too."""
-    heading_deg = []
-    for seed in (3, 2, 1):
-        dive = engaged(*SEA, *current(1.0), "current.direction_deg=40", seed=seed)
-        dive.run(4.0)
-        steps = dive.run(12.0)
-        assert states(steps) == {State.ACTIVE}
-        off_deg = [np.degrees(step.truth.eta[5] - 0.3) for step in steps]
-        heading_deg.append(np.sqrt(np.mean(np.square(off_deg))))
+    dive = engaged(*SEA, *current(1.0), "current.direction_deg=40", seed=3)
+    dive.run(4.0)
+    steps = dive.run(12.0)
+    assert states(steps) == {State.ACTIVE}
+    off_deg = [np.degrees(step.truth.eta[5] - 0.3) for step in steps]
     x, _, z, psi = np.mean([step.sample.dofs.saturated for step in steps], axis=0)
     assert x > 0.9
     assert z < 0.1
     assert psi == 0.0
-    assert np.mean(heading_deg) < 0.31
+    assert np.sqrt(np.mean(np.square(off_deg))) < 0.3
     assert np.sqrt(np.mean(np.square(off_mm(steps, 3.0)))) < 6.0
     assert tilt_deg(steps).max() < 18.0
 
@@ -88,10 +82,10 @@ def test_a_current_that_surge_and_sway_cannot_resist_takes_neither_depth_nor_hea
 @pytest.mark.parametrize(("vehicle", "most_deg"), [(HEAVY, 5.0), (SIX, 12.0)], ids=["heavy", "six"])
 def test_a_load_is_brought_up_level(vehicle, most_deg):
     """Its weight drags a tilted vehicle sideways, and sideways it is turned further: it tipped on the way."""
-    dive = engaged(*SEA[1:], *load(15.0), depth_m=12.0, setpoint=hold(z=12.0), **vehicle)
+    dive = engaged(*SEA[1:], *load(15.0), depth_m=8.0, setpoint=hold(z=8.0), **vehicle)
     dive.run(6.0)
     dive.engine.aim(Setpoint((nan, nan, 2.0, 0.3)))
-    steps = dive.run(40.0)
+    steps = dive.run(26.0)
     assert states(steps) == {State.ACTIVE}
     assert tilt_deg(steps).max() < most_deg
     assert np.abs(off_mm(steps[-100:], 2.0)).max() < 60.0
@@ -101,10 +95,10 @@ def test_a_load_is_brought_up_level(vehicle, most_deg):
 def test_six_thrusters_that_cannot_pitch_drift_level_rather_than_capsize():
     """Head-on, a current of 0.4 m/s with waves is more than its weight rights."""
     dive = engaged(*SEA, *current(0.4), **SIX)
-    steps = dive.run(25.0)
+    steps = dive.run(18.0)
     assert states(steps) == {State.ACTIVE}
     assert tilt_deg(steps).max() < 15.0
-    assert np.sqrt(np.mean(np.square(off_mm(steps[-500:], 3.0)))) < 8.0
+    assert np.sqrt(np.mean(np.square(off_mm(steps[-300:], 3.0)))) < 8.0
     assert steps[-1].sample.verdict.conditions & Condition.SATURATED
 
 
@@ -131,7 +125,7 @@ def test_a_vehicle_that_tilts_is_not_let_go():
 def test_a_tilt_that_lasts_is_kept_while_the_depth_is_held():
     """ALT_HOLD let it sink by 3 m in 40 s, here and on the firmware."""
     dive = lying_on_its_side(8.0, companion=("supervisor.max_tilt_deg=25",))
-    steps = dive.run(30.0)
+    steps = dive.run(22.0)
     assert np.mean([bool(step.sample.verdict.warnings & Condition.TILTED) for step in steps]) > 0.5
     assert states(steps) == {State.ACTIVE}
     assert np.abs(off_mm(steps, 5.0)).max() < 100.0

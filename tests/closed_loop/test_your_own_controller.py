@@ -56,9 +56,9 @@ from dataclasses import replace
 from lab.loop import scenarios
 from lab.studies import gain_search as search
 whole, searched = scenarios.four, search.search
-search.COUNTS_S = search.TRAINING_S = 4.0
+search.COUNTS_S = search.TRAINING_S = 2.0
 def short(*arguments):
-    return tuple(replace(one, duration_s=scenarios.SETTLE_S + 4.0) for one in whole(*arguments))
+    return tuple(replace(one, duration_s=scenarios.SETTLE_S + 1.0) for one in whole(*arguments))
 def depth_alone(stage, *arguments, **named):
     if stage.place:
         return search.SearchResult(dict(stage.knobs), 1.0, 1.0, 11)

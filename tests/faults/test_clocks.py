@@ -147,14 +147,14 @@ class Asked:
         return [*inbox, (round(now_s * 1e9), bytes(answer.pack(self._packer)))]
 
 
-@pytest.mark.parametrize(("each_s", "ahead_s"), [(0.06, 0.1), (0.09, 0.13), (0.12, 0.2)])
+@pytest.mark.parametrize(("each_s", "ahead_s"), [(0.06, 0.1), (0.12, 0.2)])
 def test_answers_to_somebody_elses_questions_hide_no_delay(each_s, ahead_s):
     dive = Dive(link=LinkDelay(each_s, each_s, 0.004)).until(State.ACTIVE, 14.0)
     dive.run(4.0)
     told = dive.step.sample.state
     dive.tap.spoil = asked = Asked(each_s, ahead_s)
     asked.boot_s = told.boot_s - told.t_s + START_S
-    dive.run(20.0)
+    dive.run(10.0)
     assert dive.step.sample.state.delays.total_s == pytest.approx(told.delays.total_s, abs=0.02)
     assert dive.step.sample.state.delays.telemetry_s > each_s
 

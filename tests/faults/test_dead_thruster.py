@@ -68,7 +68,7 @@ def test_a_vehicle_that_is_turned_across_the_dead_motors_diagonal_holds_its_plac
     dive = without_motor_1(315, "thrusters.gain=[0.85]")
     steps = dive.run(5.0)
     dive.engine.aim(hold(x=0.0, y=0.0, z=DEPTH_M, psi=0.5 * np.pi))
-    steps += dive.run(30.0)
+    steps += dive.run(20.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert dive.step.sample.state.dead_motor == 1
     assert max(np.hypot(*step.truth.eta[:2]) for step in steps[-200:]) < 0.1

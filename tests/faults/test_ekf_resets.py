@@ -228,7 +228,7 @@ def test_fixes_alone_keep_the_place_and_a_reset_among_them_moves_nothing(period_
     dive.run(30.0)
     place = dive.step.sample.state.eta[:2]
     dive.engine.aim(hold(z=3.0, x=place[0], y=place[1]))
-    steps = dive.run(120.0)
+    steps = dive.run(45.0)
     assert dive.engine.asked[:2] == place
     off_m = np.hypot(*(np.array([step.truth.eta[:2] for step in steps]) - place).T)
     assert off_m.mean() < 1.0

@@ -13,7 +13,7 @@ from sim_bridge.fault_kinds import FAULT_KINDS
 GROUPS = (1, 2, 3, 6, 7, 9, 13, 19, 22, 59)
 """Of dives that begin alike: every state and every variant."""
 
-DIVES = 5
+DIVES = 3
 """Of each group."""
 
 

@@ -7,7 +7,7 @@ from virtual import Dive, Somebody, hold, shared
 from companion.records import Condition, Request, State, X, Z
 
 KNOWS_NORTH = ("sensors.dvl=true", "sensors.dvl_knows_north=true")
-SETTLES_S = 60.0
+SETTLES_S = 45.0
 """The EKF follows the compass with 12.5 s."""
 
 
@@ -17,6 +17,12 @@ def reported(steps):
 
 def place_held(step):
     return any(step.sample.requested[:2])
+
+
+def tries_s(steps):
+    """When a place that was released is held again."""
+    held = np.array([*map(place_held, steps)])
+    return np.flatnonzero(np.diff(held.astype(int)) == 1) * 0.02
 
 
 @shared
@@ -38,16 +44,15 @@ def test_a_wrong_heading_releases_the_place_and_not_the_depth_and_tries_it_less_
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert np.abs([step.truth.eta[Z] - 1.0 for step in steps[-500:]]).max() < 0.03
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 3.0
-    steps += dive.run(120.0)
-    held = np.array([*map(place_held, steps)])
-    tries = np.flatnonzero(np.diff(held.astype(int)) == 1) * 0.02
-    assert len(tries) == 2
+    while len(tries := tries_s(steps)) < 2:
+        steps += dive.run(4.0)
+        assert len(steps) < 7000
     assert tries[1] - tries[0] > 1.5 * tries[0]
     assert np.abs([step.truth.eta[:2] for step in steps]).max() < 8.0
     dive.fault("clear")
     dive.run(SETTLES_S)
     dive.ask(Request.ENGAGE)
-    steps = dive.run(15.0)
+    steps = dive.run(10.0)
     assert not any(reported(steps)[1:])
     assert np.abs([step.sample.dofs.e[X] for step in steps[-200:]]).max() < 0.1
 
@@ -56,8 +61,8 @@ def test_a_place_is_tried_again_when_the_evidence_is_gone():
     dive = turned_round()
     dive.run(12.0)
     dive.fault("clear")
-    dive.run(60.0)
-    steps = dive.run(15.0)
+    dive.run(50.0)
+    steps = dive.run(10.0)
     assert all(map(place_held, steps))
     assert np.abs([step.sample.dofs.e[X] for step in steps[-200:]]).max() < 0.1
 
@@ -90,7 +95,7 @@ def test_waves_that_thrust_counters_in_part_are_no_wrong_heading(period_s):
 
 
 def test_where_the_thrust_does_not_suffice_in_waves_it_says_so_and_what_would():
-    steps = in_waves(1.5, 8.0, "current.enabled=true", "current.speed_m_s=0.5").run(54.0)
+    steps = in_waves(1.5, 8.0, "current.enabled=true", "current.speed_m_s=0.5").run(40.0)
     assert not any(reported(steps))
     assert all(map(place_held, steps[50:]))
     told = [step.sample.verdict for step in steps if Condition.SATURATED in step.sample.verdict.warnings]

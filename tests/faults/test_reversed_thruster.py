@@ -68,7 +68,7 @@ def test_a_heavys_vertical_one_is_found_at_once_and_the_vehicle_righted(motor, s
 def test_one_that_turns_round_in_a_sea_does_not_leave_the_vehicle_upside_down():
     dive = holding(*SEA)
     dive.fault("thruster", thruster=5, value=-1.0)
-    steps = dive.run(20.0)
+    steps = dive.run(14.0)
     assert {step.sample.verdict.state for step in steps} == {State.ACTIVE}
     assert dive.step.sample.state.reversed_motor == 5
     assert tilt_deg(steps).max() < 125.0
@@ -116,7 +116,7 @@ def test_several_vertical_ones_end_in_neutral_and_the_vehicle_rights_itself(moto
     dive = Dive(setpoint=hold(z=DEPTH_M))
     for motor in motors:
         dive.fault("thruster", thruster=motor, value=-1.0)
-    steps = dive.until(State.ACTIVE, within_s=12.0).run(40.0)
+    steps = dive.until(State.ACTIVE, within_s=12.0).run(32.0)
     states = {step.sample.verdict.state for step in steps}
     assert State.RAMP_DOWN in states
     assert State.HAND_OVER not in states

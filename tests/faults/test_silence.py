@@ -155,7 +155,7 @@ STUTTERS = {
 }
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     what=st.sampled_from(sorted(STUTTERS)),
     silent=st.lists(st.floats(0.1, 0.95), min_size=1, max_size=4),
