@@ -183,8 +183,10 @@ def replayed(dive, late_s):
     return dive
 
 
-@pytest.mark.parametrize("late_s", [0.0, 1.5, 2.2, 9.0, 30.0])
-@pytest.mark.parametrize("passphrase", ["", "kelp"], ids=["plain", "signed"])
+@pytest.mark.parametrize(
+    ("passphrase", "late_s"),
+    [*(("", late_s) for late_s in (0.0, 1.5, 2.2, 30.0)), *(("kelp", late_s) for late_s in (0.0, 2.2, 9.0))],
+)
 def test_our_own_frames_may_come_back_late(passphrase, late_s):
     """By a router that repeats, or by who recorded them and has no key."""
     key = hashlib.sha256(passphrase.encode()).digest()

@@ -10,6 +10,7 @@ The names are those of the page: d* is what d_hat should be, W* weights that wou
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from learner import hidden
@@ -21,6 +22,8 @@ from companion.core.network import Parameters as NetworkParameters
 from companion.core.network import State as NetworkState
 from companion.core.network import step as step_network
 from lab.batch.compiled import compiled
+
+pytestmark = pytest.mark.compiles
 
 Columns = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 Column = np.ndarray[tuple[int], np.dtype[np.float64]]
