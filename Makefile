@@ -9,6 +9,7 @@ STAMP := $(VENV)/.installed
 DEMO := $(VENV)/.installed-demo
 DOCS := $(VENV)/.installed-docs
 CLIENTS := build/clients
+BROWSER := tests/live/test_dashboard_browser.py
 REAL_CLOCKS := tests/live tests/firmware/test_processes.py tests/firmware/test_clients_firmware.py
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
@@ -33,7 +34,8 @@ virtual: $(STAMP) clients
 	nice -n 19 $(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %)
 
 live: check clients
-	$(BIN)/pytest $(REAL_CLOCKS) -n 2 --dist worksteal  # they mostly wait
+	$(BIN)/pytest $(REAL_CLOCKS) --ignore $(BROWSER) -n 2 --dist worksteal  # they mostly wait
+	$(BIN)/pytest $(BROWSER)  # Chromium does not
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
