@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 DEMO := $(VENV)/.installed-demo
 DOCS := $(VENV)/.installed-docs
 CLIENTS := build/clients
-BROWSER := tests/live/test_dashboard_browser.py
+SERIAL := $(patsubst %,tests/live/test_%.py,dashboard_browser check_process ground_station)
 REAL_CLOCKS := tests/live tests/firmware/test_processes.py tests/firmware/test_clients_firmware.py
 PIP := python -m pip install --quiet --disable-pip-version-check --no-deps
 INSTALL := $(BIN)/$(PIP)
@@ -34,8 +34,8 @@ virtual: $(STAMP) clients
 	nice -n 19 $(BIN)/pytest -n auto --dist worksteal $(REAL_CLOCKS:%=--ignore %)
 
 live: check clients
-	$(BIN)/pytest $(REAL_CLOCKS) --ignore $(BROWSER) -n 2 --dist worksteal  # they mostly wait
-	$(BIN)/pytest $(BROWSER)  # Chromium does not
+	$(BIN)/pytest $(REAL_CLOCKS) $(SERIAL:%=--ignore %) -n 2 --dist worksteal  # they mostly wait
+	$(BIN)/pytest $(SERIAL)  # their dives want a core
 
 quick: $(STAMP)  ## unit and property tests, without those that compile: about a minute
 	$(BIN)/pytest -n auto --dist worksteal --hypothesis-profile quick -m 'not compiles' tests/unit tests/property
