@@ -11,6 +11,8 @@ water does. A fading-memory filter with a double pole at ω takes what is slow o
     θ = arg S_uv     σ² = (1 − c²)/(2 n c²)     c² = |S_uv|²/(S_uu S_vv)     S over COURSE_MEMORY_S
 
 with n = ω times the seconds that are remembered. It counts as wrong by |θ| − 2σ, the least of all BANDS.
+Where motors, or a DVL's axes, are exchanged, the vehicle moves as in a mirror, in its own axes v = e^{iθ} ū:
+it counts by how much better that explains v than a turn does.
 A velocity that is measured in body axes and turned by the same heading (a DVL without a position of its own)
 always agrees.
 
@@ -44,7 +46,7 @@ GYRO_REPORTED_RAD = math.radians(10.0)
 GYRO_SCALE = 0.02
 """How well the gyro's scale is known."""
 
-BANDS = ((1.0, 0.15), (4.0, 0.05))
+BANDS = ((1.0, 0.15), (4.0, 0.03))
 """ω, among the frequencies of waves and above, rad/s; RMS of u below which a band says nothing, m/s."""
 COURSE_MEMORY_S = 10.0
 
@@ -100,15 +102,15 @@ class _Band:
     def __init__(self, omega: float, least_mps: float, moved: _Filter, pushed: _Filter) -> None:
         self._omega, self._least_mps, self._moved, self._pushed = omega, least_mps, moved, pushed
         self.seconds = self._uu = self._vv = 0.0
-        self._uv = 0j
+        self._uv = self._mirror = 0j
 
     def ahead(self, dt_s: float, thrust: complex, braked: complex) -> None:
         """Go on by `dt_s` with the acceleration by the thrust, and what the water takes of it."""
         self._pushed = self._pushed.ahead(dt_s, thrust)
         self._moved = self._moved.ahead(dt_s, -braked)
 
-    def compare(self, velocity: complex, gap_s: float) -> None:
-        """Hold a measured velocity against what the thrust makes of it."""
+    def compare(self, velocity: complex, ahead: complex, gap_s: float) -> None:
+        """Hold a measured velocity against what the thrust makes of it; `ahead` is the way of the bow."""
         kept = math.exp(-gap_s / COURSE_MEMORY_S)
         u, v = self._pushed.v, velocity - self._moved.v
         self._pushed = self._pushed.corrected(-u, gap_s, self._omega)
@@ -117,6 +119,7 @@ class _Band:
         self._uu = kept * self._uu + abs(u) ** 2 * gap_s
         self._vv = kept * self._vv + abs(v) ** 2 * gap_s
         self._uv = kept * self._uv + u.conjugate() * v * gap_s
+        self._mirror = kept * self._mirror + u * v / ahead**2 * gap_s
 
     @property
     def pushed_mps2(self) -> float:
@@ -137,6 +140,13 @@ class _Band:
         course_rad = cmath.phase(self._uv)
         doubt_rad = math.sqrt((1.0 - coherence) / (2.0 * self._omega * self.seconds * coherence))
         return _Off(course_rad, abs(course_rad) - 2.0 * doubt_rad, coherence)
+
+    @property
+    def mirrored(self) -> float:
+        """By how much better a mirror explains the velocity than a turn does, c² of both."""
+        if not self.seen or abs(self._mirror) < LEAST_RESPONSE * self._uu:
+            return 0.0
+        return max(abs(self._mirror) ** 2 - abs(self._uv) ** 2, 0.0) / (self._uu * self._vv)
 
 
 class HeadingWatch:
@@ -160,7 +170,7 @@ class HeadingWatch:
         self._velocity: complex | None = None
         self._thrust = 0j
         self._bands: list[_Band] = []
-        self._gap_s = self._reported_s = self._lost_s = 0.0
+        self._gap_s = self._reported_s = self._lost_s = self._mirrored_s = 0.0
         self._usual_mps2 = self._alone_s = 0.0
         self._course_rad = math.nan
 
@@ -229,7 +239,7 @@ class HeadingWatch:
         self._gap_s += dt_s
         if not cmath.isnan(velocity):
             for band in self._bands:
-                band.compare(velocity, self._gap_s)
+                band.compare(velocity, ahead, self._gap_s)
             self._velocity, self._gap_s = velocity, 0.0
         elif self._gap_s > GAP_S:
             self._rest_course()
@@ -245,7 +255,9 @@ class HeadingWatch:
         off_rad, sure_s = min(off.surely_rad for off in offs), dt_s * counts
         self._reported_s = self._reported_s + sure_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + sure_s if off_rad > COURSE_LOST_RAD else 0.0
-        self._lost |= self._lost_s > LASTS_S
+        mirrored = min((band.mirrored for band in self._bands), default=0.0)
+        self._mirrored_s = self._mirrored_s + dt_s * mirrored if mirrored > 0.0 else 0.0
+        self._lost |= max(self._lost_s, self._mirrored_s) > LASTS_S
 
     def _grows(self, dt_s: float) -> bool:
         """Tell whether the thrust has grown within the memory of the course."""

@@ -199,11 +199,11 @@ class Condition(IntFlag):
     )
     HEADING_WRONG = (
         "the heading is wrong",
-        "it turned by 10° without the gyro, or the vehicle moves 30° aside of its thrust; from 40° on x and"
-        " y are released, and tried again after 30 s, then after twice as long each time; depth and heading"
-        " are held",
-        "move away from steel, calibrate the compass, check its orientation and the DVL's; then engage again "
-        "(`holdfast engage`, button or dashboard)",
+        "it turned by 10° without the gyro, or the vehicle moves 30° aside of its thrust, or as its mirror "
+        "image; from 40° on, and in a mirror, x and y are released, and tried again after 30 s, then after "
+        "twice as long each time; depth and heading are held",
+        "move away from steel, calibrate the compass, check its orientation, the DVL's and the order of the "
+        "horizontal motors; then engage again (`holdfast engage`, button or dashboard)",
         "the heading agrees with the gyro and the course over ground",
     )
     DEPTH_OUT_OF_BOUNDS = (
@@ -234,6 +234,14 @@ class Condition(IntFlag):
         "bring the vehicle up with Holdfast, not with the sticks; then change the sign of MOT_n_DIRECTION",
         "the motors are taken to push the right way",
     )
+    TURNED_OVER = (
+        "the vehicle turned over",
+        "upside down for 2 s, less half of the time in which it was not, while Holdfast steers or hands "
+        "over; without thrust it rights itself",
+        "look for motors that are reversed or exchanged (`holdfast check --thrusters`), a wrong frame, a "
+        "load off its centre",
+        "the vehicle is upright",
+    )
     TILTED = (
         "tilted too far",
         "more than max_tilt_deg from its held angle, or from level: only heave and levelling remain",
@@ -245,7 +253,7 @@ class Condition(IntFlag):
         "tilted too far for too long",
         "for off_track_s, less the time in which it was not, and not within 0.3 m of its depth: the "
         "autopilot tries, in STABILIZE and then ALT_HOLD; with a reversed motor thrust ends instead",
-        "look for the cause: an off-centre load, a snagged tether, a dead or reversed thruster",
+        "look for the cause: an off-centre load, a snagged tether, a dead, reversed or exchanged thruster",
         "the lasting tilt has ended",
     )
     EKF_UNHEALTHY = (
@@ -302,7 +310,8 @@ class Condition(IntFlag):
         "not enough thrust",
         "an axis has been saturated for saturated_s, less half of the time in which it was not; the vehicle "
         "may drift away",
-        "avoid the current, go deeper below waves, slow the path down, or raise max_force",
+        "avoid the current, go deeper below waves, slow the path down, or raise max_force; look for dead, "
+        "reversed or exchanged thrusters",
         "the thrust is enough again",
     )
     THRUST_UNANSWERED = (
@@ -316,7 +325,7 @@ class Condition(IntFlag):
         "too far from the setpoint",
         "by more than max_error_m or max_error_deg for off_track_s, less the time in which it was not; the "
         "5 s after a motor was found dead or reversed do not count; with a reversed motor thrust ends",
-        "look for the cause: tether, current, a dead or reversed thruster",
+        "look for the cause: tether, current, a dead, reversed or exchanged thruster",
         "near the setpoint again",
     )
     CLOCK_JUMPED = (

@@ -27,6 +27,7 @@ from companion.supervision.situation import (
     ekf_is_doubtful,
     interruption,
     tilted,
+    upside_down,
     voltage_is_low,
 )
 from companion.telemetry.modes import FAILSAFE, Mode
@@ -47,6 +48,8 @@ RECOVERS_S = 5.0
 """After a motor was found dead or reversed the vehicle may be off track for this time: it is turned back."""
 UNSATURATED_COUNTS = 0.5
 """Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
+UPRIGHT_COUNTS = 0.5
+"""The same of the time upright: a vehicle that turns over and over is upside down for half of it."""
 DEPTH_HELD_M = 0.3
 """A tilted vehicle whose depth error is below this is not handed over: ALT_HOLD would let it sink."""
 UNANSWERED_M = 0.05
@@ -178,6 +181,12 @@ class Monitor:
         off_track_s = _counted_back(watched.off_track_s, dt_s, holds=off_track)
         watched.off_track_s = off_track_s if steers and not recovers else 0.0
         watched.tilted_s = _counted_back(watched.tilted_s, dt_s, holds=far) if steers else 0.0
+        over = upside_down(state)
+        if steers or previous.state is State.HAND_OVER:
+            counted_s = _counted_back(watched.upside_down_s, dt_s, holds=over, back=UPRIGHT_COUNTS)
+            watched.upside_down_s = counted_s
+        elif not over:
+            watched.upside_down_s = 0.0
         if paused:
             watched.interruption, self._interrupted_t_s = paused, state.t_s
         if not active:  # the ramp of engaging is no loss

@@ -19,6 +19,8 @@ CLOCK_DOUBT_S = 2.0
 """After one jump the clock contradicts itself until the second answer to TIMESYNC; two clocks always do."""
 UNANSWERED_S = 3.0
 """A vehicle that full thrust moves has moved by then, even against a load that nearly takes that thrust."""
+UPSIDE_DOWN_S = 2.0
+"""A vehicle whose motors push as they are told is upright again by then, even out of a wave."""
 RESET_SETTLE_S = 3.0
 """Another reset of the autopilot's estimate may follow within this time."""
 SAMPLE_S = 0.1
@@ -156,6 +158,7 @@ RULES: dict[Condition, Rule] = {
         lambda now, _: now.state.dead_motor > 0 and not now.observed.misses_motor, warns=True
     ),
     C.THRUSTER_REVERSED: Rule(lambda now, _: now.state.reversed_motor > 0, warns=True),
+    C.TURNED_OVER: Rule(lambda now, _: not now.watched.upside_down_s <= UPSIDE_DOWN_S),
     C.TILTED: Rule(lambda now, limits: tilted(now.observed, limits), blocks=True, warns=True, freezes=True),
     C.TILT_PERSISTS: Rule(lambda now, limits: not now.watched.tilted_s <= limits.off_track_s),
     C.EKF_UNHEALTHY: Rule(_ekf_unhealthy, blocks=True),
@@ -240,6 +243,7 @@ TRANSITIONS = (
         S.ACTIVE,
         (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED, C.DEPTH_STALE, C.ATTITUDE_STALE),
         (S.IDLE, C.DISARMED),
+        (S.FAULT, C.TURNED_OVER),
         (S.HAND_OVER, C.FAILSAFE_SURFACES),
         (S.PILOT, C.WRONG_MODE, C.PILOT_TAKEOVER),
         (S.RAMP_DOWN, C.OTHER_FIRST, C.FAILSAFE_UNSAFE, C.PREFLIGHT_FAILURE),
@@ -264,7 +268,7 @@ TRANSITIONS = (
     ),
     *_from(
         S.HAND_OVER,
-        (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED),
+        (S.FAULT, C.NON_FINITE, C.LINK_LOST, C.REBOOTED, C.TURNED_OVER),
         (S.HAND_OVER, C.FAILSAFE_SURFACES),
         (S.PILOT, C.WRONG_MODE, C.PILOT_TAKEOVER),
         (S.IDLE, C.DISARMED),

@@ -70,6 +70,8 @@ class Watched(msgspec.Struct, kw_only=True):
     off_track_s: float = 0.0
     tilted_s: float = 0.0
     """Too far from its angle, and from its depth."""
+    upside_down_s: float = 0.0
+    """Time upside down minus half of the time upright, while we or the autopilot steer."""
     other_first: bool = False
     other_came: bool = False
     """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
@@ -138,6 +140,11 @@ def ekf_is_doubtful(ekf: EkfStatus, limits: SupervisorLimits) -> bool:
 def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
     """Tell whether the voltage is below the limit; BATTERY_LOW needs it to last."""
     return voltage_v < limits.min_voltage_v
+
+
+def upside_down(state: VehicleState) -> bool:
+    """Tell whether it is tilted by more than 90°; an unknown tilt counts as more."""
+    return not math.cos(state.roll) * math.cos(state.pitch) >= 0.0
 
 
 def tilted(observed: Observation, limits: SupervisorLimits) -> bool:

@@ -4,9 +4,9 @@ Permission is tested before the law (`StateMachine.step`), and again last, befor
 default is to refuse: only ACTIVE, RAMP_DOWN and the start of HAND_OVER carry authority, and a condition that
 TRANSITIONS does not list changes nothing. docs/supervisor.md is made from the tables.
 
-There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted. RAMP_DOWN: the
-estimate is good for another second, but the autopilot has the same sensors and could do no better. HAND_OVER:
-Holdfast cannot continue, but the autopilot's depth hold can.
+There are three ways of giving up. FAULT stops at once: the state estimate cannot be trusted, or the thrust
+turned the vehicle over. RAMP_DOWN: the estimate is good for another second, but the autopilot has the same
+sensors and could do no better. HAND_OVER: Holdfast cannot continue, but the autopilot's depth hold can.
 """
 
 from functools import cache

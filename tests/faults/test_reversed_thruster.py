@@ -107,7 +107,7 @@ def test_all_horizontal_ones_turn_the_vehicle_round_and_round_and_that_is_no_hea
     ended = next(step for step in steps if step.sample.verdict.state is not State.ACTIVE)
     assert ended.sample.verdict.state is State.RAMP_DOWN
     assert ended.sample.verdict.reason == Condition.OFF_TRACK.text
-    assert "reversed thruster" in ended.sample.verdict.remedy
+    assert "reversed or exchanged thruster" in ended.sample.verdict.remedy
 
 
 @pytest.mark.parametrize("motors", [(5, 8), (5, 6, 7)])
@@ -118,7 +118,7 @@ def test_several_vertical_ones_end_in_neutral_and_the_vehicle_rights_itself(moto
         dive.fault("thruster", thruster=motor, value=-1.0)
     steps = dive.until(State.ACTIVE, within_s=12.0).run(32.0)
     states = {step.sample.verdict.state for step in steps}
-    assert State.RAMP_DOWN in states
+    assert states & {State.RAMP_DOWN, State.FAULT}
     assert State.HAND_OVER not in states
     assert tilt_deg(steps[-100:]).max() < 5.0
     assert dive.motors_rest()

@@ -15,14 +15,15 @@ STILL = (0.0, 0.0, 0.0, 0.0)
 DT_S = 0.02
 
 
-def watched(error_deg, push_n, current_mps=0.0, seconds=30.0, answer=1.0):
-    """Push a mass, which moves by `answer` of what the model says, with a heading that is off."""
+def watched(error_deg, push_n, current_mps=0.0, seconds=30.0, answer=1.0, mirrored=False):
+    """Push a mass, which moves by `answer` of what the model says, by a heading that is off, or mirrored."""
     watch, v, noise = HeadingWatch(), 0j, np.random.default_rng(1)
     model = NOMINAL._replace(lag_s=(0.02,) * 4)
     for tick in range(round(seconds / DT_S)):
         t_s = tick * DT_S
         push = push_n * complex(math.sin(1.3 * t_s), math.cos(0.9 * t_s))
-        v += answer * push / MASS[0] * cmath.exp(-1j * math.radians(error_deg)) * DT_S
+        pushed = push.conjugate() if mirrored else push
+        v += answer * pushed / MASS[0] * cmath.exp(-1j * math.radians(error_deg)) * DT_S
         white = 0.003 * complex(*noise.standard_normal(2))
         seen = v + white + current_mps
         tau = (push.real, push.imag, 0.0, 0.0)
@@ -43,6 +44,11 @@ def test_the_course_shows_by_how_much_the_heading_is_off(error_deg):
 def test_a_backward_compass_is_told_by_half_the_answer_and_not_by_a_quarter(answer, lost):
     """So little answered a vehicle of 4.5.7 that ran away for good; a countered disturbance answers less."""
     assert watched(180.0, 20.0, answer=answer).lost is lost
+
+
+@pytest.mark.parametrize("error_deg", [0.0, 90.0, -135.0])
+def test_exchanged_motors_are_told_by_a_motion_that_is_mirrored(error_deg):
+    assert watched(error_deg, 20.0, current_mps=0.5, mirrored=True).lost
 
 
 def test_a_backward_compass_is_told_where_the_ekf_turns_accelerations_too():

@@ -26,6 +26,7 @@ from companion.supervision.rules import (
     CLOCK_DOUBT_S,
     RESET_SETTLE_S,
     UNANSWERED_S,
+    UPSIDE_DOWN_S,
     assess,
 )
 from companion.supervision.situation import Observation, Situation, Watched
@@ -126,6 +127,7 @@ EXPECTED = {
         C.PREFLIGHT_FAILURE: State.RAMP_DOWN,
         C.NON_FINITE: State.FAULT,
         C.TICK_LATE: State.RAMP_DOWN,
+        C.TURNED_OVER: State.FAULT,
         C.TILT_PERSISTS: State.HAND_OVER,
         C.THRUSTER_MISSED: State.HAND_OVER,
         C.PILOT_TAKEOVER: State.PILOT,
@@ -149,6 +151,7 @@ EXPECTED = {
         C.LINK_LOST: State.FAULT,
         C.REBOOTED: State.FAULT,
         C.NON_FINITE: State.FAULT,
+        C.TURNED_OVER: State.FAULT,
         C.HAND_OVER_REFUSED: State.FAULT,
         C.WRONG_MODE: State.PILOT,
         C.PILOT_TAKEOVER: State.PILOT,
@@ -405,6 +408,7 @@ SEEN = [
     (RESTING, {"unanswered_s": UNANSWERED_S + 0.01}, C.THRUST_UNANSWERED),
     (RESTING, {"off_track_s": LIMITS.off_track_s + 0.01}, C.OFF_TRACK),
     (RESTING, {"tilted_s": LIMITS.off_track_s + 0.01}, C.TILT_PERSISTS),
+    (RESTING, {"upside_down_s": UPSIDE_DOWN_S + 0.01}, C.TURNED_OVER),
     (structs.replace(RESTING, dead_motor=6), {}, C.THRUSTER_DEAD),
     (structs.replace(RESTING, dead_motor=6), {"misses_motor": True}, C.THRUSTER_MISSED),
     (structs.replace(RESTING, reversed_motor=6), {}, C.THRUSTER_REVERSED),

@@ -1,6 +1,6 @@
 """What lasts, and what was said a while ago."""
 
-from math import nan, radians
+from math import nan, pi, radians
 from typing import Any
 
 import numpy as np
@@ -206,6 +206,19 @@ def test_a_vehicle_that_turns_over_and_over_is_level_at_times(seen):
     assert tilted_s == pytest.approx(4 * TICK_S)
     assert seen.step().tilted_s == pytest.approx(3 * TICK_S)
     assert seen.step(state=over, authority=0.0).tilted_s == 0.0, "one that lay on its side on deck is engaged"
+
+
+@pytest.mark.parametrize("tilted", [{"roll": 2.0}, {"roll": -pi, "pitch": 0.3}])
+def test_a_vehicle_upside_down_is_counted_while_we_or_the_autopilot_steer(seen, tilted):
+    over = structs.replace(RESTING, **tilted)
+    assert seen.step(state=over, authority=0.0, previous=State.IDLE).upside_down_s == 0.0
+    assert seen.step(state=over).upside_down_s == pytest.approx(TICK_S)
+    handed = {"authority": 0.0, "previous": State.HAND_OVER}
+    assert seen.step(state=over, **handed).upside_down_s == pytest.approx(2 * TICK_S)
+    assert seen.step().upside_down_s == pytest.approx(1.5 * TICK_S)
+    unsteered = {"authority": 0.0, "previous": State.FAULT}
+    assert seen.step(state=over, **unsteered).upside_down_s == pytest.approx(1.5 * TICK_S)
+    assert seen.step(**unsteered).upside_down_s == 0.0
 
 
 @pytest.mark.parametrize(
