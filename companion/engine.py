@@ -48,6 +48,7 @@ from companion.records import (
     VehicleState,
     Verdict,
     X,
+    Z,
 )
 from companion.supervision.guard import guard
 from companion.supervision.situation import Observation
@@ -316,7 +317,8 @@ class Engine:
         """Return all that is believed of the vehicle and what is around it."""
         motion, model, dead, turned = known.motion, known.model, known.dead_motor, known.reversed_motor
         delivered, whole = memory.actuated.delivered, dead + turned == 0
-        around = self._surroundings.step(sensed, motion, model, delivered, whole=whole)
+        heaves = self.verdict.authority > 0.0 and self._guidance.engaged[Z]
+        around = self._surroundings.step(sensed, motion, model, delivered, whole=whole, heaves=heaves)
         return believed(sensed, motion, around, model, dead, turned)
 
     def _learns(self) -> Flags:

@@ -54,4 +54,5 @@ def believed(
         ground=around.ground,
         current=around.current,
         heading_check=around.heading_check,
+        heave_opposed=around.heave_opposed,
     )

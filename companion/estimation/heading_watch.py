@@ -149,6 +149,79 @@ class _Band:
         return max(abs(self._mirror) ** 2 - abs(self._uv) ** 2, 0.0) / (self._uu * self._vv)
 
 
+class _Pushed:
+    """A velocity and what the thrust makes of it, in all BANDS."""
+
+    def __init__(self) -> None:
+        self.bands: list[_Band] = []
+        self._velocity: complex | None = None
+        self._thrust = 0j
+        self._gap_s = 0.0
+
+    def last(self, velocity: complex) -> complex:
+        """Return the velocity that was measured last, which may be this one; NaN where none was."""
+        return velocity if self._velocity is None else self._velocity
+
+    def step(
+        self, velocity: complex, ahead: complex, wanted: complex, braked: complex, lag_s: float, dt_s: float
+    ) -> bool:
+        """Go on by a tick; return whether it did, and not only began.
+
+        `velocity` is NaN where none was measured; `ahead` is the way of the bow. The acceleration by the
+        thrust is `wanted` after its lag, and the water takes `braked` of it, both in the vehicle's axes.
+        """
+        if self._velocity is None:  # assume that it is in balance
+            self._velocity, self._thrust = velocity, wanted
+            moved, pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
+            self.bands = [_Band(*band, moved, pushed) for band in BANDS]
+            return False
+        self._thrust += (wanted - self._thrust) * dt_s / (dt_s + lag_s)
+        for band in self.bands:
+            band.ahead(dt_s, ahead * self._thrust, ahead * braked)
+        self._gap_s += dt_s
+        if not cmath.isnan(velocity):
+            for band in self.bands:
+                band.compare(velocity, ahead, self._gap_s)
+            self._velocity, self._gap_s = velocity, 0.0
+        return self._gap_s <= GAP_S
+
+
+class HeaveWatch:
+    """Whether the vehicle moves against its vertical thrust, by the same test."""
+
+    def __init__(self) -> None:
+        self._pushed, self._against_s = _Pushed(), 0.0
+
+    def step(
+        self,
+        w_mps: float,
+        heave_n: float,
+        nominal: Model,
+        model: VehicleModel,
+        delay_s: float,
+        dt_s: float,
+        pushes: bool,
+    ) -> bool:
+        """Take the rate of depth that was measured in a tick, NaN where none was, and what was sent last.
+
+        The others are as in `HeadingWatch.push`.
+        """
+        last_mps = self._pushed.last(complex(w_mps)).real
+        if not pushes or math.isnan(last_mps):
+            self._pushed, self._against_s = _Pushed(), 0.0
+            return False
+        gain = model.gain[2] / nominal.m[2]
+        braked = gain * damping(nominal, (0.0, 0.0, last_mps, 0.0))[2] * last_mps
+        lag_s = model.lag_s[2] + delay_s
+        if not self._pushed.step(complex(w_mps), 1.0, complex(gain * heave_n), complex(braked), lag_s, dt_s):
+            return False
+        offs = [band.off for band in self._pushed.bands]
+        against = min(off.surely_rad for off in offs) > COURSE_LOST_RAD
+        counts = min(off.coherence for off in offs)
+        self._against_s = self._against_s + dt_s * counts if against else 0.0
+        return self._against_s > LASTS_S
+
+
 class HeadingWatch:
     """Takes each tick what was measured and what was sent."""
 
@@ -167,10 +240,8 @@ class HeadingWatch:
         self._gyro_rad = self._turned_rad = 0.0
 
     def _rest_course(self) -> None:
-        self._velocity: complex | None = None
-        self._thrust = 0j
-        self._bands: list[_Band] = []
-        self._gap_s = self._reported_s = self._lost_s = self._mirrored_s = 0.0
+        self._pushed = _Pushed()
+        self._reported_s = self._lost_s = self._mirrored_s = 0.0
         self._usual_mps2 = self._alone_s = 0.0
         self._course_rad = math.nan
 
@@ -223,31 +294,20 @@ class HeadingWatch:
         ahead = cmath.exp(1j * heading)
         gain_x, gain_y = model.gain[0] / nominal.m[0], model.gain[1] / nominal.m[1]
         wanted = complex(gain_x * tau[0], gain_y * tau[1])
-        if self._velocity is None and cmath.isnan(velocity):
+        nu = self._pushed.last(velocity) / ahead
+        if cmath.isnan(nu):
             return
-        nu = (velocity if self._velocity is None else self._velocity) / ahead
         d_u, d_v, _, _ = damping(nominal, (nu.real, nu.imag, 0.0, 0.0))
         braked = complex(gain_x * d_u * nu.real, gain_y * d_v * nu.imag)
-        if self._velocity is None:  # assume that it is in balance
-            self._velocity, self._thrust = velocity, wanted
-            moved, pushed = _Filter(velocity, ahead * braked), _Filter(0j, -ahead * wanted)
-            self._bands = [_Band(*band, moved, pushed) for band in BANDS]
-            return
-        self._thrust += (wanted - self._thrust) * dt_s / (dt_s + model.lag_s[0] + delay_s)
-        for band in self._bands:
-            band.ahead(dt_s, ahead * self._thrust, ahead * braked)
-        self._gap_s += dt_s
-        if not cmath.isnan(velocity):
-            for band in self._bands:
-                band.compare(velocity, ahead, self._gap_s)
-            self._velocity, self._gap_s = velocity, 0.0
-        elif self._gap_s > GAP_S:
+        begins = not self._pushed.bands
+        if self._pushed.step(velocity, ahead, wanted, braked, model.lag_s[0] + delay_s, dt_s):
+            self._judge(dt_s)
+        elif not begins:
             self._rest_course()
-        self._judge(dt_s)
 
     def _judge(self, dt_s: float) -> None:
         """Count for how long the heading has surely been off."""
-        offs = [band.off for band in self._bands] or [_Off()]
+        offs = [band.off for band in self._pushed.bands]
         self._course_rad = offs[0].course_rad
         counts = min(off.coherence for off in offs)
         if self._grows(dt_s):
@@ -255,14 +315,14 @@ class HeadingWatch:
         off_rad, sure_s = min(off.surely_rad for off in offs), dt_s * counts
         self._reported_s = self._reported_s + sure_s if off_rad > COURSE_REPORTED_RAD else 0.0
         self._lost_s = self._lost_s + sure_s if off_rad > COURSE_LOST_RAD else 0.0
-        mirrored = min((band.mirrored for band in self._bands), default=0.0)
+        mirrored = min(band.mirrored for band in self._pushed.bands)
         self._mirrored_s = self._mirrored_s + dt_s * mirrored if mirrored > 0.0 else 0.0
         self._lost |= max(self._lost_s, self._mirrored_s) > LASTS_S
 
     def _grows(self, dt_s: float) -> bool:
         """Tell whether the thrust has grown within the memory of the course."""
         self._alone_s -= dt_s
-        for band in self._bands[:1]:
+        for band in self._pushed.bands[:1]:
             self._usual_mps2 += (band.pushed_mps2 - self._usual_mps2) * dt_s / GROWS_S
             if band.seconds > ALONE_S and band.seen and band.pushed_mps2 > GROWTH * self._usual_mps2:
                 self._alone_s = COURSE_MEMORY_S

@@ -10,9 +10,12 @@ from companion.core.observers import Estimates
 from companion.core.positioning import Model
 from companion.estimation.estimator import Sensed
 from companion.estimation.ground import Grounds
-from companion.estimation.heading_watch import HeadingWatch
+from companion.estimation.heading_watch import HeadingWatch, HeaveWatch
 from companion.estimation.water import Water
 from companion.records import PSI, ZERO, Current, Ground, HeadingCheck, Vector, VehicleModel, X, Y, Z
+
+LEVEL_COS = math.cos(math.radians(45.0))
+"""Tilted by more, a vehicle is not moved up and down by its vertical thrust."""
 
 
 class Around(msgspec.Struct, frozen=True):
@@ -21,6 +24,7 @@ class Around(msgspec.Struct, frozen=True):
     ground: Ground
     current: Current
     heading_check: HeadingCheck
+    heave_opposed: bool
 
 
 class Surroundings:
@@ -37,7 +41,8 @@ class Surroundings:
         self._model, self._position_s = model, config.surge.sensor_delay_s
 
     def _restart(self) -> None:
-        self._ground, self._water, self._heading = Grounds(self._range_s), Water(), HeadingWatch()
+        self._ground, self._water = Grounds(self._range_s), Water()
+        self._heading, self._heave = HeadingWatch(), HeaveWatch()
 
     @property
     def drift(self) -> complex:
@@ -56,10 +61,11 @@ class Surroundings:
         delivered: Vector = ZERO,
         *,
         whole: bool = True,
+        heaves: bool = False,
     ) -> Around:
         """Take a tick; `delivered` is the body wrench of the last command, N and N·m.
 
-        `whole` tells that no motor is known to fail.
+        `whole` tells that no motor is known to fail, `heaves` that heave is ours, with any authority.
         """
         if sensed.restarted:
             self._restart()
@@ -86,4 +92,13 @@ class Surroundings:
             ),
             current=self._water.step(self._model, motion, model.dof_gain, tick_s, seen, sensed.still),
             heading_check=self._heading.check,
+            heave_opposed=self._heave.step(
+                inputs.rates[Z][0],
+                delivered[Z],
+                self._model,
+                model,
+                sensed.delays.total_s,
+                tick_s,
+                heaves and tilt_cos > LEVEL_COS,
+            ),
         )

@@ -321,6 +321,13 @@ class Condition(IntFlag):
         "look where the vehicle is; free it, or take it up by hand and clear the port of the depth sensor",
         "full vertical thrust moves the vehicle",
     )
+    THRUST_OPPOSED = (
+        "the vehicle moves against its vertical thrust",
+        "by its climb rate, for about 2 s, and faster than a load or waves explain",
+        "take over with care: sticks may act the wrong way, too; check MOT_5_DIRECTION to MOT_8_DIRECTION, "
+        "RC3_REVERSED, and the sign of the depth",
+        "vertical thrust moves the vehicle its way",
+    )
     OFF_TRACK = (
         "too far from the setpoint",
         "by more than max_error_m or max_error_deg for off_track_s, less the time in which it was not; the "

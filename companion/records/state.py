@@ -163,6 +163,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     ground: Ground = Ground(math.nan, 0.0)
     current: Current = Current(math.nan, math.nan, math.nan)
     heading_check: HeadingCheck = HeadingCheck()
+    heave_opposed: bool = False
+    """Whether the vehicle moves against its vertical thrust."""
 
     @property
     def altitude_m(self) -> float:

@@ -174,6 +174,7 @@ RULES: dict[Condition, Rule] = {
         lambda now, limits: not now.watched.saturated_s <= limits.saturated_s, warns=True, freezes=True
     ),
     C.THRUST_UNANSWERED: Rule(lambda now, _: not now.watched.unanswered_s <= UNANSWERED_S),
+    C.THRUST_OPPOSED: Rule(lambda now, _: now.state.heave_opposed),
     C.OFF_TRACK: Rule(lambda now, limits: not now.watched.off_track_s <= limits.off_track_s),
     C.CLOCK_JUMPED: Rule(lambda now, _: not now.state.clock_doubt_s <= 0.0, warns=True, freezes=True),
     C.INNOVATION_LARGE: Rule(_innovation_large, blocks=True),
@@ -251,7 +252,7 @@ TRANSITIONS = (
         (S.HAND_OVER, C.LEAK),
         (S.RAMP_DOWN, C.AUTOPILOT_FAILSAFE),
         (S.HAND_OVER, C.PILOT_LOST_SURFACE),
-        (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP, C.THRUST_UNANSWERED),
+        (S.RAMP_DOWN, C.PILOT_LOST, C.OPERATOR_STOP, C.THRUST_UNANSWERED, C.THRUST_OPPOSED),
         (S.HAND_OVER, C.INTERRUPTED_OFTEN, C.DELAY_TOO_LONG, C.CLOCK_INCONSISTENT, C.INNOVATION_LARGE),
         (S.HAND_OVER, C.THRUSTER_MISSED),
     ),

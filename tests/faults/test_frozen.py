@@ -113,6 +113,23 @@ def test_a_depth_with_noise_that_full_thrust_does_not_move_ends_control(to_m):
     assert dive.motors_rest()
 
 
+def mirrored(value, first):
+    return 2 * first - value
+
+
+@pytest.mark.parametrize("plant", [(), WAVES], ids=["calm", "waves"])
+def test_a_depth_of_the_wrong_sign_ends_control_before_it_leads_far_away(plant):
+    """It went 3.3 m away, and was handed to an ALT_HOLD that believes the same depth."""
+    dive = Dive(*plant, f"initial.eta=[0,0,{DEPTH_M},0,0,{HEADING_RAD}]", setpoint=hold(z=DEPTH_M))
+    dive.until(State.ACTIVE)
+    depth = {"GLOBAL_POSITION_INT": {"relative_alt": mirrored}, "SCALED_PRESSURE2": {"press_abs": mirrored}}
+    dive.tap.spoil = rewritten(depth | {"VFR_HUD": {"climb": negative}})
+    active_ = [step for step in dive.run(6.0) if step.sample.verdict.state is State.ACTIVE]
+    assert dive.step.sample.verdict.reason.endswith(f"control ended: {Condition.THRUST_OPPOSED.text}")
+    assert off(active_)[0] < 1.5
+    assert dive.motors_rest()
+
+
 PLACED = ("sensors.dvl=true", "sensors.dvl_drift_m=0", "current.enabled=true", "current.speed_m_s=0.15")
 DVL = {
     "all": dict.fromkeys(("x", "y", "vx", "vy"), freeze),

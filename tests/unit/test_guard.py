@@ -26,9 +26,9 @@ any_verdict = st.builds(Verdict, st.sampled_from(list(State)), st.just(C(0)), au
 envelopes = st.builds(Envelope, st.floats(0.01, 1.0), st.floats(0.01, 100.0))
 any_conditions = st.integers(0, reduce(or_, C).value).map(C)
 few_conditions = st.one_of(st.just(C(0)), st.just(C.ENGAGE_ASKED), st.sampled_from(list(C)), any_conditions)
-ONLY_WHILE_IT_LASTS = (C.OFF_TRACK | C.THRUST_UNANSWERED | C.TURNED_OVER | C.TILT_PERSISTS) | (
-    C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES | C.PILOT_LOST_SURFACE
-)
+ONLY_WHILE_IT_LASTS = (
+    C.OFF_TRACK | C.THRUST_UNANSWERED | C.THRUST_OPPOSED | C.TURNED_OVER | C.TILT_PERSISTS
+) | (C.AUTOPILOT_FAILSAFE | C.FAILSAFE_SURFACES | C.PILOT_LOST_SURFACE)
 """Need not forbid engaging: they come only of steering, or with another condition that forbids it."""
 ENDS_ACTIVE = reduce(or_, EXPECTED[State.ACTIVE]) & ~ONLY_WHILE_IT_LASTS
 ENGAGING_FORBIDDEN = reduce(or_, FORBIDS_ENGAGING)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from companion.core.positioning import Model
-from companion.estimation.heading_watch import HeadingWatch
+from companion.estimation.heading_watch import HeadingWatch, HeaveWatch
 from companion.records.state import NOMINAL
 
 MASS = (20.0, 20.0, 30.0, 0.5)
@@ -81,3 +81,21 @@ def test_a_heading_that_turns_without_the_gyro_is_reported(compass_radps, gyro_r
         watch.turn(psi, gyro_radps, DT_S, turns=True)
     assert watch.check.doubtful is reported
     assert not watch.check.lost
+
+
+@pytest.mark.parametrize(
+    ("answer", "load_n", "opposed"),
+    [(1.0, 0.0, False), (-1.0, 0.0, True), (0.0, 0.0, False), (1.0, 60.0, False)],
+)
+def test_a_vehicle_that_moves_against_its_vertical_thrust_is_told(answer, load_n, opposed):
+    """As with reversed motors, or a depth of the wrong sign; a load that pulls it down is no such thing."""
+    watch, w, noise = HeaveWatch(), 0.0, np.random.default_rng(1)
+    nominal, model = Model(MASS, (0.0, 0.0, 60.0, 0.0), STILL), NOMINAL._replace(lag_s=(0.02,) * 4)
+    told = False
+    for tick in range(round(8.0 / DT_S)):
+        push = 40.0 * math.sin(1.3 * tick * DT_S) + 20.0 * math.sin(5.0 * tick * DT_S)
+        w += (answer * push + load_n - 60.0 * w) / MASS[2] * DT_S
+        seen = w + 0.003 * noise.standard_normal()
+        told |= watch.step(seen, push, nominal, model, 0.0, DT_S, pushes=True)
+    assert told is opposed
+    assert not watch.step(w, 0.0, nominal, model, 0.0, DT_S, pushes=False)
