@@ -13,7 +13,7 @@ from forwarding_tests import (
 )
 from pilot_station import ENGAGE, HOLD, RELEASE, Shown, command, joined, results
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from virtual import ROOT, Dive, Somebody, active, hold, message_id
+from virtual import ROOT, Dive, Somebody, active, hold, pieces
 
 from companion.config import load_config
 from companion.mavlink.codec import Packer
@@ -117,7 +117,7 @@ def test_commands_of_the_ground_station_engage_hold_and_release():
     hands.send(command(RELEASE))
     assert results(shown.run(2.0)) == [mavlink.MAV_RESULT_ACCEPTED]
     assert dive.state is not State.ACTIVE
-    assert mavlink.MAVLINK_MSG_ID_COMMAND_LONG not in map(message_id, split(dive.cockpit.passed))
+    assert mavlink.MAVLINK_MSG_ID_COMMAND_LONG not in dict(pieces(dive.cockpit.passed))
 
 
 FOR_OTHERS: list[dict[str, Any]] = [
@@ -338,12 +338,3 @@ def test_the_hold_button_stops_a_way_and_counts_once_a_press():
     dive.loop.engine.aim(hold(z=3.5 if stopped_m < 3.0 else 2.5))
     dive.run(2.0)
     assert abs(dive.step.sample.eta_d[2] - stopped_m) > 0.2, "a button that stays down is one press"
-
-
-def split(data):
-    frames = []
-    while data:
-        size = 12 + data[1] + (13 if data[2] & 1 else 0)
-        frames.append(data[:size])
-        data = data[size:]
-    return frames
