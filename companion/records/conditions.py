@@ -236,7 +236,7 @@ class Condition(IntFlag):
     )
     TURNED_OVER = (
         "the vehicle turned over",
-        "upside down for 2 s, less half of the time in which it was not, while Holdfast steers or hands "
+        "tilted by more than 100° for 2 s, less a quarter of the other time, while Holdfast steers or hands "
         "over; without thrust it rights itself",
         "look for motors that are reversed or exchanged (`holdfast check --thrusters`), a wrong frame, a "
         "load off its centre",

@@ -48,8 +48,8 @@ RECOVERS_S = 5.0
 """After a motor was found dead or reversed the vehicle may be off track for this time: it is turned back."""
 UNSATURATED_COUNTS = 0.5
 """Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
-UPRIGHT_COUNTS = 0.5
-"""The same of the time upright: a vehicle that turns over and over is upside down for half of it."""
+UPRIGHT_COUNTS = 0.25
+"""The same of the time upright: a vehicle that turns over and over is upside down for a third of it."""
 DEPTH_HELD_M = 0.3
 """A tilted vehicle whose depth error is below this is not handed over: ALT_HOLD would let it sink."""
 UNANSWERED_M = 0.05

@@ -20,6 +20,9 @@ from companion.records import (
 from companion.supervision.handover import HandOverStep
 from companion.telemetry.glossary import NO_DETAILS, Details
 
+UPSIDE_DOWN_COS = math.cos(math.radians(100.0))
+"""A vehicle with two dead motors swings between 60 and 104° and holds its depth: it is not turned over."""
+
 
 class Observation(msgspec.Struct, frozen=True, kw_only=True):
     """What the engine observed in one tick."""
@@ -71,7 +74,7 @@ class Watched(msgspec.Struct, kw_only=True):
     tilted_s: float = 0.0
     """Too far from its angle, and from its depth."""
     upside_down_s: float = 0.0
-    """Time upside down minus half of the time upright, while we or the autopilot steer."""
+    """Time upside down minus a quarter of the time upright, while we or the autopilot steer."""
     other_first: bool = False
     other_came: bool = False
     """Whether another Holdfast with our ids was there first, or does not release it; or came later."""
@@ -143,8 +146,8 @@ def voltage_is_low(voltage_v: float, limits: SupervisorLimits) -> bool:
 
 
 def upside_down(state: VehicleState) -> bool:
-    """Tell whether it is tilted by more than 90°; an unknown tilt counts as more."""
-    return not math.cos(state.roll) * math.cos(state.pitch) >= 0.0
+    """Tell whether it is tilted by more than 100°; an unknown tilt counts as more."""
+    return not math.cos(state.roll) * math.cos(state.pitch) >= UPSIDE_DOWN_COS
 
 
 def tilted(observed: Observation, limits: SupervisorLimits) -> bool:

@@ -215,9 +215,9 @@ def test_a_vehicle_upside_down_is_counted_while_we_or_the_autopilot_steer(seen, 
     assert seen.step(state=over).upside_down_s == pytest.approx(TICK_S)
     handed = {"authority": 0.0, "previous": State.HAND_OVER}
     assert seen.step(state=over, **handed).upside_down_s == pytest.approx(2 * TICK_S)
-    assert seen.step().upside_down_s == pytest.approx(1.5 * TICK_S)
+    assert seen.step().upside_down_s == pytest.approx(1.75 * TICK_S)
     unsteered = {"authority": 0.0, "previous": State.FAULT}
-    assert seen.step(state=over, **unsteered).upside_down_s == pytest.approx(1.5 * TICK_S)
+    assert seen.step(state=over, **unsteered).upside_down_s == pytest.approx(1.75 * TICK_S)
     assert seen.step(**unsteered).upside_down_s == 0.0
 
 
