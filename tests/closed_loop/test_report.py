@@ -132,7 +132,8 @@ def test_the_page_is_one_file_with_everything_and_nothing_from_elsewhere(
     assert main([str(dive), "--out", str(tmp_path / "out")]) == 0
     html = (tmp_path / "out" / "kelp.html").read_text()
     assert "data:image/png;base64," in html
-    assert "http" not in html.replace("http-equiv", "")
+    words = re.sub(r"base64,[^\"]+", "", html)  # a picture's bytes may spell anything
+    assert "http" not in words.replace("http-equiv", "")
     assert "&lt;b&gt;leak&lt;/b&gt;" in html
     assert "abc&lt;script&gt;" in html
     assert "<td>depth, SD</td>" in html
