@@ -21,7 +21,7 @@ from companion.identify import model, tilt_fit
 from companion.identify.least_squares import Bounds, Solution, jackknife
 from companion.identify.model import Track, parameters
 from companion.identify.sample_table import NoDiveError
-from companion.records import AXES, PSI, X, Y
+from companion.records import AXES, PSI, X, Y, Z
 
 START_SIZES: Final = (0.5, 1.0, 2.5)
 START_LAG_S, START_START_S = 0.06, 0.1
@@ -46,6 +46,8 @@ MAX_DOUBT: Final = 0.5
 """What has a larger share of it is not known: the base's value stays, and the rest is fitted with it."""
 MUCH = 0.9
 """An axis that is known badly is written where its fit leaves a smaller share of what the base leaves."""
+DEPTH_SCALE: Final = 0.02
+"""More doubt of heave, as a share: the EKF's depth shows 0.97 to 1 of a motion (docs/ardusub.md)."""
 APART = 0.15
 """Inertia and damping are told apart where neither's doubt is a larger share of it."""
 
@@ -138,6 +140,7 @@ def fit(tracks: Sequence[Track], base: VehicleFile, excited: Sequence[int] | Non
     theta, covariance, doubtful = _sure(
         tracks, base, moving, (least, most), speeds, manoeuvre=excited is not None
     )
+    covariance = covariance + _of_depth_scale(theta[0], covariance)
     sigma = np.sqrt(np.diag(covariance))
     bound = sigma.astype(bool) & ((theta <= least + 1e-4) | (theta >= most - 1e-4))
     before = [track.settled(parameters(base)) for track in tracks]
@@ -191,6 +194,15 @@ def _sure(
             return theta, covariance, doubtful
         starts = [theta[0].copy()]
         starts[0][fixed] = before[fixed]
+
+
+def _of_depth_scale(theta: Array, covariance: Array) -> Array:
+    """Return the covariance of what was fitted of heave's inertia and damping if depth has another scale."""
+    change = np.zeros(theta.size)
+    for number, power in ((model.MASS, 1.0), (model.LINEAR, 1.0), (model.QUADRATIC, 2.0)):
+        if covariance[number + Z, number + Z] > 0.0:
+            change[number + Z] = power * DEPTH_SCALE * theta[number + Z]
+    return np.outer(change, change)
 
 
 def _doubt(number: int, theta: Array, covariance: Array, speeds: Array) -> float:
