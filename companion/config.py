@@ -171,7 +171,8 @@ class AxisSection(AxisModel, frozen=True):
     position_noise_slow: ranges.SlowPositionNoise = 0.01
     rate_noise_slow: ranges.SlowRateNoise = 0.005
     disturbance_noise: ranges.DisturbanceNoise = 3.0
-    sensor_delay_s: Annotated[Delay, means("age of a sample when the autopilot sends it")] = 0.03
+    sensor_delay_s: Annotated[Delay, means("age of a position when the autopilot sends it")] = 0.03
+    rate_delay_s: Annotated[Delay, means("age of its rate then")] = 0.03
 
 
 class YawSection(YawModel, AxisSection, frozen=True):
@@ -333,7 +334,7 @@ class Config(Section, frozen=True):
         linear_damping=19.0,
         quadratic_damping=113.0,
         max_force=100.0,
-        lambda_per_s=7.0,
+        lambda_per_s=7.5,
         kappa_per_s=10.0,
         max_rate=0.45,
         max_acceleration=0.4,
@@ -346,6 +347,7 @@ class Config(Section, frozen=True):
         rate_noise_slow=0.004,
         disturbance_noise=4.1,
         sensor_delay_s=0.012,
+        rate_delay_s=0.003,
     )
     yaw: YawSection = YawSection(
         max_rate=0.8,
@@ -359,6 +361,7 @@ class Config(Section, frozen=True):
         rate_noise_slow=0.002,
         disturbance_noise=0.5,
         sensor_delay_s=0.005,
+        rate_delay_s=0.005,
     )
     network: Network = Network()
     supervisor: SupervisorLimits = SupervisorLimits()

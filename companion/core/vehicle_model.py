@@ -60,7 +60,7 @@ KNOWN_DRAG = 1.0 / (PRIOR_LOG_DRAG * PRIOR_LOG_DRAG)
 """P⁻¹."""
 
 MOST_LOG_GAIN = math.log(4.0)
-LEAST_LAG_S, MOST_LAG_S = 0.02, 0.4
+LEAST_LAG_S, MOST_LAG_S = 0.01, 0.4
 LOG_GAIN_PER_S, LAG_PER_S = 3.0, 0.6
 """Fastest change of γ and T: a limit cycle of a strong vehicle lasts for a second."""
 

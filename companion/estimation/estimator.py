@@ -115,6 +115,7 @@ class Estimator:
     def retune(self, config: Config) -> None:
         """Go on from the present estimate with other noises, sensor delays and limits of jumps and ages."""
         self._sensor_delay_s = vector([axis.sensor_delay_s for axis in config.axes])
+        self._rate_delay_s = vector([axis.rate_delay_s for axis in config.axes])
         configured = noise_of(config)
         if configured != self._configured:
             self._configured = configured
@@ -281,13 +282,15 @@ class Estimator:
 
     def _sampled(
         self, event: events.Depth | events.DepthRate | events.Attitude | events.Position, dof: int
-    ) -> float:
-        """Return the time at which this sample of `dof` was true."""
+    ) -> tuple[float, float]:
+        """Return the times at which this sample of `dof` was true: of its position, and of its rate."""
         meter = self._meter
         if event.boot_s is None:
-            return event.t_s - meter.telemetry_s - self._sensor_delay_s[dof]
-        meter.stamped(event.t_s, event.boot_s)
-        return meter.clock.local(event.boot_s) - self._sensor_delay_s[dof]
+            sent_s = event.t_s - meter.telemetry_s
+        else:
+            meter.stamped(event.t_s, event.boot_s)
+            sent_s = meter.clock.local(event.boot_s)
+        return sent_s - self._sensor_delay_s[dof], sent_s - self._rate_delay_s[dof]
 
     def _position(self, dof: int, value: float | None, t_s: float, at_s: float) -> None:
         """Keep a position sample; None repeats one, which is no silence and shows nothing new.
@@ -316,7 +319,7 @@ class Estimator:
         ]
 
     def _on_attitude(self, event: events.Attitude) -> None:
-        at_s = self._sampled(event, PSI)
+        at_s, rate_s = self._sampled(event, PSI)
         believed_s, self._attitude_doubt = self._attitude_answers.step(event)
         if self._attitude_doubt:
             self._measured_t_s[PSI] = min(self._measured_t_s[PSI], believed_s)
@@ -333,10 +336,10 @@ class Estimator:
         self._headings.rate(at_s, heading_rate)
         psi = self._headings.position(at_s, self.frame.settled.heading_inside(event.yaw))
         self._position(PSI, psi, event.t_s, at_s)
-        self._rates[PSI] = (heading_rate, at_s)
+        self._rates[PSI] = (heading_rate, rate_s)
 
     def _on_depth(self, event: events.Depth) -> None:
-        at_s = self._sampled(event, Z)
+        at_s, _ = self._sampled(event, Z)
         surprise_m = event.z_m - self.frame.sunk_m - self._expected_depth_m
         known = self._heartbeat.armed and event.t_s - self._measured_t_s[Z] <= self._believed_s
         if self._depth_spikes.leave_out(event.t_s, far=known and abs(surprise_m) > self.max_depth_jump_m):
@@ -388,12 +391,12 @@ class Estimator:
         self._depth_answers.rate(event.t_s, event.w_mps)
         if self._depth_doubt:
             return
-        at_s = self._sampled(event, Z)
+        at_s, rate_s = self._sampled(event, Z)
         self._depths.rate(at_s, event.w_mps)
-        self._rates[Z] = (event.w_mps, at_s - self._hidden_s)
+        self._rates[Z] = (event.w_mps, rate_s - self._hidden_s)
 
     def _on_position(self, event: events.Position) -> None:
-        at_s = self._sampled(event, X)
+        at_s, rate_s = self._sampled(event, X)
         believed_s, self._position_doubt = self._position_answers.step(event)
         if self._position_doubt:
             self._measured_t_s[X] = self._measured_t_s[Y] = min(self._measured_t_s[X], believed_s)
@@ -412,7 +415,7 @@ class Estimator:
         u, v = self.frame.velocity_inside(event.vx_mps, event.vy_mps)
         self._position(X, x, event.t_s, at_s)
         self._position(Y, y, event.t_s, at_s)
-        self._rates[X], self._rates[Y] = (u, at_s), (v, at_s)
+        self._rates[X], self._rates[Y] = (u, rate_s), (v, rate_s)
 
     def _on_servo_output(self, event: events.ServoOutput) -> None:
         count = self._thrusters.motor_count

@@ -15,7 +15,7 @@ from companion import assembly
 from companion.config import Config
 from companion.core.observers import Inputs
 from companion.core.tick import Parameters
-from companion.records import PSI, Axes, X, Z
+from companion.records import PSI, Axes, Vector, X, Z, vector
 from lab.batch.stand_in import OVERRIDE_SPAN_US, TICK_S, Readings, Timing
 
 ROWS = 8
@@ -30,6 +30,7 @@ class Companion(NamedTuple):
     slew: float
     """Change of a demand in a tick, at most."""
     lead_s: float
+    rate_delay_s: Vector
 
 
 def companion_of(config: Config) -> Companion:
@@ -48,6 +49,7 @@ def companion_of(config: Config) -> Companion:
         reach=(*(limits.max_axis,) * 4, *(tilts,) * 2),
         slew=limits.max_slew_per_s * TICK_S,
         lead_s=limits.lead_s,
+        rate_delay_s=vector([axis.rate_delay_s for axis in config.axes]),
     )
 
 
@@ -66,9 +68,10 @@ def inputs(
 ) -> Inputs:
     """Return what a tick of a batch knows before it observes."""
     now_s, sensor_delay_s = tick * TICK_S, companion.parameters.observers.sensor_delay_s
-    sampled_s = now_s - at.age_s
+    sampled_s, rate_delay_s = now_s - at.age_s, companion.rate_delay_s
     place_s, psi_s = sampled_s - sensor_delay_s[X], sampled_s - sensor_delay_s[PSI]
     z_s = sampled_s - sensor_delay_s[Z] - hidden_s
+    velocity_s, turn_s = sampled_s - rate_delay_s[X], sampled_s - rate_delay_s[PSI]
     begins = (math.nan, math.nan, math.nan, math.nan)
     if tick == 0:
         begins = (readings.north, readings.east, readings.depth, readings.heading)
@@ -82,10 +85,10 @@ def inputs(
             (readings.heading, psi_s),
         ),
         rates=(
-            (readings.north_rate, place_s),
-            (readings.east_rate, place_s),
-            (readings.sink, z_s),
-            (readings.heading_rate, psi_s),
+            (readings.north_rate, velocity_s),
+            (readings.east_rate, velocity_s),
+            (readings.sink, sampled_s - rate_delay_s[Z] - hidden_s),
+            (readings.heading_rate, turn_s),
         ),
         begins=begins,
         stale=(not positioned, not positioned, False, False),

@@ -67,7 +67,7 @@ def test_other_gains_act_without_a_step_and_what_was_learnt_is_kept():
     dive = moving()
     learnt = dive.step.sample.dofs.weight_norm[2]
     dive.engine.retune(gains)
-    dive.run(0.1)
+    dive.run(0.02)
     assert dive.step.sample.dofs.weight_norm[2] == pytest.approx(learnt, rel=0.1)
     dive.run(10.0)
     assert dive.step.truth.eta[2] == pytest.approx(2.5, abs=0.05)

@@ -173,7 +173,7 @@ def test_gains_are_held_against_the_measured_delay(delay_s, done):
     assert reply.done is done, reply.said
     if not done:
         assert "1/lambda + 1/kappa" in reply.said
-        assert dive.engine.config.heave.lambda_per_s == 7.0
+        assert dive.engine.config.heave.lambda_per_s == 7.5
     assert console.tell("gains", axis="heave", kappa_per_s=9.9).done, "less is always taken"
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from alone import Estimate
 
+from companion import assembly
 from companion.config import load_config
+from companion.core import observers
 from companion.core.observer import INTERVALS, ObserverState, Push, advance, expected, rates
 from companion.core.observers import MAX_EXTRAPOLATION_S
 from companion.core.positioning import Model, coriolis_and_damping, inertia, jacobian, to_body
@@ -75,10 +77,12 @@ class Vehicle:
         return self.past[i][1], self.past[i][2]
 
 
-def events_at(vehicle, t_s, up_s, sensor_s):
-    """Telemetry of t_s, which arrives `up_s` later; each axis's sensor shows what was `sensor_s` ago."""
+def events_at(vehicle, t_s, up_s):
+    """Telemetry of t_s, which arrives `up_s` later; positions and rates have the configured ages."""
     arrives, boot = t_s + up_s, t_s + BOOT_S
-    (qx, vx), (qz, vz), (qp, vp) = (vehicle.at(t_s - sensor_s[dof]) for dof in (X, Z, PSI))
+    axes = [CONFIG.axes[dof] for dof in (X, Z, PSI)]
+    qx, qz, qp = (vehicle.at(t_s - axis.sensor_delay_s)[0] for axis in axes)
+    vx, vz, vp = (vehicle.at(t_s - axis.rate_delay_s)[1] for axis in axes)
     return [
         Attitude(arrives, boot, 0.0, 0.0, qp[PSI], 0.0, 0.0, vp[PSI]),
         Depth(arrives, boot, qz[Z]),
@@ -99,13 +103,12 @@ def dive(seconds=12.0, up_s=0.03, command_s=0.06, commands=swing, every=1, **cha
     """
     settings = {"delays.telemetry_s": up_s, "delays.command_s": command_s - up_s} | changes
     est, vehicle = estimator(**settings), Vehicle(command_s)
-    sensor_s = [axis.sensor_delay_s for axis in CONFIG.axes]
     flying, state = [], None
     for k in range(1, round(seconds / TICK_S) + 1):
         now_s = START_S + k * TICK_S
         vehicle.until(now_s)
         if k > 5 and k % every == 0:
-            flying += events_at(vehicle, now_s - 0.01, up_s, sensor_s)
+            flying += events_at(vehicle, now_s - 0.01, up_s)
         if k % 12 == 0:
             flying.append(TimeSync(now_s + up_s, now_s - up_s, now_s + BOOT_S))
         flying.sort(key=lambda event: event.t_s)
@@ -117,6 +120,17 @@ def dive(seconds=12.0, up_s=0.03, command_s=0.06, commands=swing, every=1, **cha
         vehicle.sent.append((now_s, u))
         vehicle.sent = vehicle.sent[-40:]
     return state, vehicle
+
+
+def test_a_climb_rate_is_younger_than_the_depth_that_comes_with_it():
+    """It is the accelerometer's. Both were dated back by 12 ms: 60° of what a light vehicle does at 7 Hz."""
+    core = assembly.observers(CONFIG)
+    expected = observers.outlook(observers.start(core))
+    heard = [Depth(START_S, START_S + BOOT_S, 2.0), DepthRate(START_S, START_S + BOOT_S, 0.1)]
+    inputs = assembly.estimator(CONFIG).take(START_S, heard, expected).inputs
+    (depth_m, depth_s), (sink_mps, sink_s) = inputs.positions[Z], inputs.rates[Z]
+    assert (depth_m, sink_mps) == (2.0, 0.1)
+    assert sink_s - depth_s == pytest.approx(0.009)
 
 
 @pytest.mark.parametrize(("up_s", "command_s"), [(0.005, 0.01), (0.03, 0.06), (0.1, 0.12)])
