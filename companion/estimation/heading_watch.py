@@ -1,4 +1,4 @@
-"""Whether the heading is wrong: held against the gyro, and against the course over ground.
+"""Whether the heading is wrong, by gyro and course over ground; whether heave moves against its thrust.
 
 Against the gyro: D is how far the heading has turned without the gyro (iron, motors, or a gyro's bias).
 

@@ -49,7 +49,7 @@ RECOVERS_S = 5.0
 UNSATURATED_COUNTS = 0.5
 """Share of the unsaturated time that is subtracted: waves that saturate a third of the time are too much."""
 UPRIGHT_COUNTS = 0.25
-"""The same of the time upright: a vehicle that turns over and over is upside down for a third of it."""
+"""The same of the time upright: a vehicle that turns over and over is upside down for four tenths of it."""
 DEPTH_HELD_M = 0.3
 """A tilted vehicle whose depth error is below this is not handed over: ALT_HOLD would let it sink."""
 UNANSWERED_M = 0.05
